@@ -1,0 +1,1 @@
+#include "cam/toolpath.h"

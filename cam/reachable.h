@@ -1,0 +1,23 @@
+// What an ideal ball can leave of a surface: its morphological closing, and where that differs from the surface.
+#pragma once
+
+#include "cam/spline_surface.h"
+#include "design/core/monitor.h"
+
+namespace lightmill {
+
+/// Heights on a regular grid over the lens (node (i, j) at extent.min + pitch * (i, j), row 0 at smallest y).
+struct ReachableSurface {
+  Box2 extent;
+  double pitch_mm = 0;
+  Grid<float> closing_mm;        ///< lowest heights an ideal ball of this radius can leave, error below 0.2 um
+  Grid<float> residue_um;        ///< closing minus design, >= 0
+  double unreachable_area_mm2 = 0;  ///< where the residue is above `threshold_um`
+  double threshold_um = 0.1;
+  double max_residue_um = 0;
+};
+
+ReachableSurface reachable_surface(const SplineSurface& surface, double ball_radius_mm, double pitch_mm,
+                                   const Monitor& monitor = {});
+
+}  // namespace lightmill

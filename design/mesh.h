@@ -1,0 +1,34 @@
+// The optical surface as a triangle mesh in the lens frame, and PLY files of it.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <vector>
+
+#include "design/core/geometry.h"
+
+namespace lightmill {
+
+/// Triangles are counter-clockwise seen from +Z; normals are unit and point to +Z's side. mm.
+struct SurfaceMesh {
+  std::vector<Vec3> vertices;
+  std::vector<Vec3> normals;                  ///< one per vertex
+  std::vector<std::array<int, 3>> triangles;
+};
+
+/// Angle-weighted vertex normals [Botsch et al. 2010, p. 41].
+std::vector<Vec3> angle_weighted_normals(const std::vector<Vec3>& vertices, const std::vector<std::array<int, 3>>& triangles);
+
+/// Vertices on the border of the mesh (an edge with one triangle), as flags.
+std::vector<bool> border_vertices(const SurfaceMesh& mesh);
+
+/// Triangles whose projection onto z = 0 is not counter-clockwise.
+int count_inverted(const SurfaceMesh& mesh);
+
+/// Binary little-endian PLY, float64 `x y z nx ny nz` per vertex, in mm; written whole or not at all.
+void write_ply(const std::filesystem::path& path, const SurfaceMesh& mesh);
+
+/// Reads binary or ASCII PLY with triangles; normals are computed if absent. Throws InputError with the reason.
+SurfaceMesh read_ply(const std::filesystem::path& path);
+
+}  // namespace lightmill

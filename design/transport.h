@@ -1,0 +1,59 @@
+// Semi-discrete optimal transport from the source irradiance to the target light by power diagrams [paper sec. 4].
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "design/core/geometry.h"
+#include "design/core/monitor.h"
+#include "design/target.h"
+
+namespace lightmill {
+
+/// Where unbent light arrives on the receiver: a uniform rectangle or disk, total flux 1.
+struct SourceLight {
+  enum class Shape { kRectangle, kDisk };
+  Shape shape = Shape::kRectangle;
+  Vec2 size_mm{100, 100};  ///< of the rectangle, or the disk's diameter twice; centred on the receiver's origin
+};
+
+struct TransportOptions {
+  int samples = 65536;          ///< sites of the power diagram (rounded to what the sampling needs)
+  double l1_tolerance = 1e-4;   ///< stop when sum_i |mu_T(C_i) - mu_S(C_i)| is below, and
+  double max_tolerance = 1e-2;  ///< max_i |mu_T(C_i) - mu_S(C_i)| / mu_S(C_i) is below
+  int max_iterations = 500;     ///< evaluations of the dual per level
+  double point_radius_mm = 0.01;///< points of light are disks of this radius inside the solver
+  std::uint64_t seed = 1;
+};
+
+struct TransportSummary {
+  int samples = 0;
+  int iterations = 0;           ///< evaluations of the dual, all levels
+  int levels = 0;
+  double seconds = 0;
+  double l1_mass_error = 0;     ///< DESIGN.md, "Measures"
+  double max_mass_error = 0;
+  int empty_cells = 0;
+  bool converged = false;
+  std::string reason;           ///< why it stopped, in words
+};
+
+/// The map: light of source cell i (site, mass, centroid) goes to the power cell i of the target (weight, centroid).
+struct TransportMap {
+  std::vector<Vec2> sites_mm;
+  std::vector<double> source_masses;        ///< mu_S(C_i^0), sum 1
+  std::vector<Vec2> source_centroids_mm;
+  std::vector<double> target_masses;        ///< mu_T(C_i^w), sum 1
+  std::vector<double> weights_mm2;          ///< potentials of the power cells
+  std::vector<Vec2> target_centroids_mm;
+  TransportSummary summary;
+};
+
+/// Minimises the convex function of [paper eq. 3] from coarse to fine: preconditioned L-BFGS until no cell is empty, then
+/// damped Newton [Kitagawa, Merigot, Thibert 2019, alg. 1]. The result does not depend on the thread count.
+/// Throws NumericalError when it cannot reach the tolerances (with the figures it reached).
+TransportMap solve_transport(const SourceLight& source, const TargetLight& target, const TransportOptions& options = {},
+                             const Monitor& monitor = {});
+
+}  // namespace lightmill

@@ -1,0 +1,29 @@
+// A byte stream to a controller.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <string>
+
+namespace lightmill {
+
+/// Bytes both ways with deadlines. Not thread safe. Throws IoError when the other side hangs up.
+class Connection {
+ public:
+  virtual ~Connection() = default;
+  /// Writes what fits before the deadline; returns the count of bytes taken by the system.
+  virtual std::size_t write_some(std::span<const char> bytes, std::chrono::milliseconds deadline) = 0;
+  /// Reads what is there, waiting for at most `deadline` for the first byte; returns the count (0: nothing came).
+  virtual std::size_t read_some(std::span<char> buffer, std::chrono::milliseconds deadline) = 0;
+  /// Waits until there is something to read or, if asked, room to write; false on deadline.
+  virtual bool wait(bool for_room, std::chrono::milliseconds deadline) = 0;
+  [[nodiscard]] virtual std::string name() const = 0;
+};
+
+/// Opens a serial port through libserial (8N1, no flow control).
+/// Throws IoError that names the port, the reason and the remedy.
+std::unique_ptr<Connection> open_serial(const std::string& port, int baud);
+
+}  // namespace lightmill

@@ -1,0 +1,1 @@
+#include "machine/simulated_machine.h"

@@ -1,0 +1,43 @@
+// Motion as the simulated controller hears it: joints first, then the cutter in the workpiece frame.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "cam/toolpath.h"
+#include "postproc/machine_model.h"
+
+namespace lightmill {
+
+/// A straight move of all joints, in the order of execution.
+struct Motion {
+  long line = 0;                 ///< of the program text, from 1
+  JointPosition from, to;        ///< machine coordinates
+  bool rapid = false;
+  double seconds = 0;            ///< how long it takes at the commanded feed, axis limits respected
+  bool spindle_on = false;
+  double spindle_rpm = 0;
+  int tool = 0;                  ///< number of the tool in the spindle
+};
+
+/// The same in the workpiece frame: the tip moves on a straight line, the axis turns evenly (long rotary moves arrive in
+/// pieces). What the stock sees.
+struct SweptMove {
+  long line = 0;
+  ToolPose from, to;
+  bool rapid = false;
+  bool spindle_on = false;
+  double seconds = 0;
+};
+
+/// Something the machine or the stock noticed. All of them are reported.
+struct Fault {
+  std::string kind;      ///< "limit", "rapid_in_stock", "spindle_off_in_cut", "collision", "gouge", "alarm", "error", ...
+  std::string program;   ///< file, if known
+  long line = 0;
+  std::string message;   ///< one line for the operator
+  Vec3 place_mm = Vec3::Zero();  ///< workpiece frame, if it has one
+  double amount_mm = 0;  ///< depth, overtravel...
+};
+
+}  // namespace lightmill
