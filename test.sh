@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# Builds Lightmill and passes its tests. Usage: ./test.sh [release|dev|asan] [more arguments for ctest]
+set -euo pipefail
+cd "$(dirname "$0")"
+preset=${1:-release}
+shift || true
+.ci/install test
+cmake --preset "$preset" -DBUILD_TESTING=ON >/dev/null
+cmake --build --preset "$preset" -- --quiet
+ctest --preset "$preset" -j 2 "$@"
