@@ -1,1 +1,0 @@
-#include "cam/toolpath.h"
