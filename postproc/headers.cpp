@@ -1,1 +1,0 @@
-#include "postproc/program.h"

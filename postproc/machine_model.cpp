@@ -1,0 +1,125 @@
+#include "postproc/machine_model.h"
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include "design/core/errors.h"
+#include "design/core/toml_table.h"
+
+namespace lightmill {
+namespace {
+
+constexpr double kRadPerDeg = kPi / 180;
+// Rotary axes closer to parallel than this (sine of the angle between them) cannot orient a tool in practice.
+constexpr double kLeastAxisSine = 1e-3;
+
+[[noreturn]] void refuse(const TomlTable& table, std::string_view key, std::string_view rule) {
+  throw InputError(table.complaint(key, rule));
+}
+
+double required(TomlTable& table, std::string_view key) {
+  if (!table.has(key)) refuse(table, key, "is missing; a machine file has no default for it");
+  return table.number(key, 0);
+}
+
+double positive(TomlTable& table, std::string_view key) {
+  const double value = required(table, key);
+  if (value <= 0) refuse(table, key, "must be greater than 0");
+  return value;
+}
+
+Vec3 required_vector(TomlTable& table, std::string_view key) {
+  if (!table.has(key)) refuse(table, key, "is missing; a machine file has no default for it");
+  const Vec3 value = table.vector3(key, Vec3::Zero());
+  if (!value.allFinite()) refuse(table, key, "must be three finite numbers");
+  return value;
+}
+
+LinearAxis read_linear(TomlTable table) {
+  LinearAxis axis;
+  axis.min_mm = required(table, "min_mm");
+  axis.max_mm = required(table, "max_mm");
+  if (axis.min_mm >= axis.max_mm) refuse(table, "max_mm", "must be greater than min_mm");
+  axis.max_speed_mm_per_s = positive(table, "max_speed_mm_per_min") / 60;
+  axis.acceleration_mm_per_s2 = positive(table, "acceleration_mm_per_s2");
+  return axis;
+}
+
+RotaryAxis read_rotary(TomlTable table, std::string_view default_letter) {
+  RotaryAxis axis;
+  axis.letter = table.choice("letter", default_letter, {"A", "B", "C"}).front();
+  axis.axis = required_vector(table, "axis");
+  if (axis.axis.norm() < 1e-9) refuse(table, "axis", "must be a direction, not zero");
+  axis.axis.normalize();
+  axis.point_mm = required_vector(table, "point_mm");
+  axis.direction = required(table, "direction");
+  if (std::abs(axis.direction) != 1) {
+    refuse(table, "direction", "must be -1 (ISO 841: the letter names the tool's turn) or 1 (the table's turn)");
+  }
+  if (table.has("min_deg") != table.has("max_deg")) {
+    refuse(table, table.has("min_deg") ? "min_deg" : "max_deg", "needs min_deg and max_deg, or neither for an endless axis");
+  }
+  if (table.has("min_deg")) {
+    axis.min_rad = required(table, "min_deg") * kRadPerDeg;
+    axis.max_rad = required(table, "max_deg") * kRadPerDeg;
+    if (axis.min_rad >= axis.max_rad) refuse(table, "max_deg", "must be greater than min_deg");
+    if (axis.min_rad > 0 || axis.max_rad < 0) refuse(table, "min_deg", "limits must enclose 0, where the workpiece is set up");
+  }
+  axis.max_speed_rad_per_s = positive(table, "max_speed_deg_per_min") / 60 * kRadPerDeg;
+  axis.acceleration_rad_per_s2 = positive(table, "acceleration_deg_per_s2") * kRadPerDeg;
+  return axis;
+}
+
+bool within(const LinearAxis& axis, double value) { return value >= axis.min_mm && value <= axis.max_mm; }
+
+}  // namespace
+
+MachineModel read_machine(const std::filesystem::path& path) {
+  TomlTable file = TomlTable::from_file(path);
+  MachineModel machine;
+  machine.name = file.text("name", "");
+  if (machine.name.empty()) refuse(file, "name", "must be a text that names the machine");
+  machine.notes = file.text("notes", "");
+  machine.table_centre_mm = required_vector(file, "table_centre_mm");
+  machine.table_radius_mm = positive(file, "table_radius_mm");
+  machine.max_tool_length_mm = positive(file, "max_tool_length_mm");
+  machine.spindle_start_s = file.number_in("spindle_start_s", 0, 0, 600);
+
+  machine.x = read_linear(file.table("x"));
+  machine.y = read_linear(file.table("y"));
+  machine.z = read_linear(file.table("z"));
+  machine.retract_z_mm = required(file, "retract_z_mm");
+  if (!within(machine.z, machine.retract_z_mm)) refuse(file, "retract_z_mm", "must lie within the travel of z");
+  machine.tool_change_mm = required_vector(file, "tool_change_mm");
+  const Vec3& change = machine.tool_change_mm;
+  if (!within(machine.x, change.x()) || !within(machine.y, change.y()) || !within(machine.z, change.z())) {
+    refuse(file, "tool_change_mm", "must lie within the travels of x, y and z");
+  }
+
+  TomlTable outer = file.table("outer");
+  TomlTable inner = file.table("inner");
+  machine.outer = read_rotary(outer, "B");
+  machine.inner = read_rotary(inner, "C");
+  if (machine.outer.letter == machine.inner.letter) refuse(inner, "letter", "must differ from outer.letter");
+  if (machine.outer.axis.cross(machine.inner.axis).norm() < kLeastAxisSine) {
+    refuse(inner, "axis", "must not be parallel to outer.axis: two parallel rotary axes cannot tilt the work");
+  }
+  if (machine.outer.axis.cross(Vec3::UnitZ()).norm() < kLeastAxisSine) {
+    refuse(outer, "axis", "must not be parallel to the spindle (Z): it could not tilt the work");
+  }
+
+  TomlTable spindle = file.table("spindle");
+  machine.min_spindle_rpm = positive(spindle, "min_rpm");
+  machine.max_spindle_rpm = positive(spindle, "max_rpm");
+  if (machine.min_spindle_rpm > machine.max_spindle_rpm) refuse(spindle, "max_rpm", "must not be less than min_rpm");
+
+  TomlTable controller = file.table("controller");
+  machine.controller = controller.choice("kind", "grblhal", {"grblhal"});
+  machine.receive_buffer_bytes = controller.integer_in("receive_buffer_bytes", 1024, 128, 1 << 20);
+  machine.planner_blocks = controller.integer_in("planner_blocks", 100, 1, 100000);
+  machine.min_block_s = controller.number_in("min_block_ms", 0, 0, 1000) / 1000;
+  file.finish();
+  return machine;
+}
+
+}  // namespace lightmill
