@@ -1,0 +1,200 @@
+#include "cam/detail/ball_contact.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace lightmill::detail {
+
+namespace {
+
+/// Climbs from `start` to the local maximum of f(p) = h(p) + sqrt(R^2 - |p - c|^2).
+/// Newton where f is concave, else along the gradient; a step that loses height is halved.
+Contact climb(const SplineSurface& surface, double radius, const Vec2& centre, const Vec2& start) {
+  constexpr int kMostSteps = 60;
+  constexpr double kLastStepMm = 1e-4;  // Newton converges quadratically: what is left after such a step is below 1e-8
+  const double r2 = radius * radius;
+  const double farthest = 0.9999 * radius;
+  Vec2 p = start;
+  Contact best;
+  best.z = -std::numeric_limits<double>::infinity();
+  Vec2 best_step = Vec2::Zero();
+  for (int iteration = 0; iteration < kMostSteps; ++iteration) {
+    double ux = p.x() - centre.x();
+    double uy = p.y() - centre.y();
+    const double length = std::sqrt(ux * ux + uy * uy);
+    if (length > farthest) {
+      ux *= farthest / length;
+      uy *= farthest / length;
+      p = centre + Vec2(ux, uy);
+    }
+    const SplineSurface::Sample s = surface.sample(p.x(), p.y());
+    const double w = 1 / std::sqrt(r2 - ux * ux - uy * uy);
+    const double f = s.h + 1 / w;
+    if (f < best.z) {
+      best_step /= 2;
+      if (best_step.squaredNorm() < 1e-18) break;
+      p = best.point + best_step;
+      continue;
+    }
+    const double gx = s.hx - ux * w;
+    const double gy = s.hy - uy * w;
+    const double w3 = w * w * w;
+    double a = s.hxx - w - ux * ux * w3;
+    double b = s.hxy - ux * uy * w3;
+    double d = s.hyy - w - uy * uy * w3;
+    double det = a * d - b * b;
+    Vec2 step;
+    if (a < 0 && det > 1e-6 * w * w) {
+      step = Vec2(b * gy - d * gx, b * gx - a * gy) / det;
+    } else {
+      step = Vec2(gx, gy) * (radius / 2);
+    }
+    const double size = step.norm();
+    if (size > radius / 4) step *= radius / 4 / size;
+    best = {f, p, Vec2(ux * w, uy * w)};
+    best_step = step;
+    if (size < kLastStepMm && a < 0 && det > 0) {
+      // The last step's gain to second order, and the contact after it.
+      best.z += 0.5 * (gx * step.x() + gy * step.y());
+      best.point += step;
+      best.slope = Vec2(s.hx + s.hxx * step.x() + s.hxy * step.y(), s.hy + s.hxy * step.x() + s.hyy * step.y());
+      break;
+    }
+    p += step;
+  }
+  return best;
+}
+
+}  // namespace
+
+BallContact::BallContact(const SplineSurface& surface, double radius_mm, double margin_mm)
+    : surface_(&surface), radius_mm_(radius_mm) {
+  // A sample for every half span, but no finer than the ball can feel and no coarser than it can bridge.
+  const Box2& extent = surface.extent();
+  const Vec2 wish = (surface.span_mm() / 2).cwiseMax(radius_mm / 16).cwiseMin(radius_mm / 8);
+  Vec2 size = extent.size() + Vec2::Constant(2 * margin_mm);
+  const int nx = static_cast<int>(std::ceil(size.x() / wish.x()));
+  const int ny = static_cast<int>(std::ceil(size.y() / wish.y()));
+  first_ = extent.min - Vec2::Constant(margin_mm);
+  pitch_mm_ = Vec2(size.x() / nx, size.y() / ny);
+  samples_ = Grid<float>(nx + 1, ny + 1);
+  base_mm_ = surface.height(extent.centre().x(), extent.centre().y());
+  double steepest2 = 0;
+  for (int j = 0; j <= ny; ++j) {
+    for (int i = 0; i <= nx; ++i) {
+      const auto s = surface.sample(first_.x() + i * pitch_mm_.x(), first_.y() + j * pitch_mm_.y());
+      samples_.at(i, j) = static_cast<float>(s.h - base_mm_);
+      steepest2 = std::max(steepest2, s.hx * s.hx + s.hy * s.hy);
+    }
+  }
+  // Between samples a slope can be a little steeper.
+  steepest_ = 1.05 * std::sqrt(steepest2) + 0.01;
+  reach_mm_ = radius_mm * steepest_ / std::sqrt(1 + steepest_ * steepest_);
+}
+
+Contact BallContact::at(double x, double y) const {
+  const double half_x = reach_mm_ + pitch_mm_.x();
+  const double half_y = reach_mm_ + pitch_mm_.y();
+  const int i0 = static_cast<int>(std::floor((x - half_x - first_.x()) / pitch_mm_.x()));
+  const int i1 = static_cast<int>(std::ceil((x + half_x - first_.x()) / pitch_mm_.x()));
+  const int j0 = static_cast<int>(std::floor((y - half_y - first_.y()) / pitch_mm_.y()));
+  const int j1 = static_cast<int>(std::ceil((y + half_y - first_.y()) / pitch_mm_.y()));
+  constexpr int kWidest = 64;
+  if (i0 < 0 || j0 < 0 || i1 >= samples_.width || j1 >= samples_.height || i1 - i0 >= kWidest || j1 - j0 >= kWidest) {
+    return ball_contact(*surface_, radius_mm_, x, y);
+  }
+
+  // Height of the ball's centre if it rested on each sample.
+  const int columns = i1 - i0 + 1;
+  const int rows = j1 - j0 + 1;
+  std::array<float, kWidest> across2;
+  for (int i = 0; i < columns; ++i) {
+    const double dx = first_.x() + (i0 + i) * pitch_mm_.x() - x;
+    across2[i] = static_cast<float>(dx * dx);
+  }
+  std::array<float, kWidest * kWidest> f;
+  std::array<float, kWidest> row_best;
+  float best = -std::numeric_limits<float>::infinity();
+  for (int j = 0; j < rows; ++j) {
+    const double dy = first_.y() + (j0 + j) * pitch_mm_.y() - y;
+    const float left2 = static_cast<float>(radius_mm_ * radius_mm_ - dy * dy);
+    const float* h = &samples_.at(i0, j0 + j);
+    float* row = &f[static_cast<std::size_t>(j) * columns];
+    for (int i = 0; i < columns; ++i) {
+      const float inside = left2 - across2[i];
+      row[i] = h[i] + __builtin_sqrtf(inside > 0 ? inside : 0);
+    }
+    float highest = row[0];
+    for (int i = 1; i < columns; ++i) highest = row[i] > highest ? row[i] : highest;
+    row_best[j] = highest;
+    best = std::max(best, highest);
+  }
+
+  // A sample lies within 0.71 pitch of any maximum of f, and with |f''| <= 4 / mm it is at most pitch^2 lower. Every local
+  // maximum among the samples that may win so is climbed.
+  const float enough = best - static_cast<float>(std::max(pitch_mm_.x() * pitch_mm_.x(), pitch_mm_.y() * pitch_mm_.y()));
+  Contact winner;
+  winner.z = -std::numeric_limits<double>::infinity();
+  for (int j = 0; j < rows; ++j) {
+    if (row_best[j] < enough) continue;
+    for (int i = 0; i < columns; ++i) {
+      const float value = f[static_cast<std::size_t>(j) * columns + i];
+      if (value < enough) continue;
+      bool highest = true;
+      for (int jj = std::max(0, j - 1); jj <= std::min(rows - 1, j + 1) && highest; ++jj) {
+        for (int ii = std::max(0, i - 1); ii <= std::min(columns - 1, i + 1); ++ii) {
+          if (f[static_cast<std::size_t>(jj) * columns + ii] > value) {
+            highest = false;
+            break;
+          }
+        }
+      }
+      if (!highest) continue;
+      const Contact contact = climb(*surface_, radius_mm_, {x, y},
+                                    {first_.x() + (i0 + i) * pitch_mm_.x(), first_.y() + (j0 + j) * pitch_mm_.y()});
+      if (contact.z > winner.z) winner = contact;
+    }
+  }
+  return winner;
+}
+
+Contact ball_contact(const SplineSurface& surface, double radius_mm, double x, double y) {
+  const Vec2 wish = (surface.span_mm() / 3).cwiseMax(radius_mm / 64).cwiseMin(radius_mm / 12);
+  const int nx = static_cast<int>(std::ceil(radius_mm / wish.x()));
+  const int ny = static_cast<int>(std::ceil(radius_mm / wish.y()));
+  const double px = radius_mm / nx;
+  const double py = radius_mm / ny;
+  Grid<double> f(2 * nx + 1, 2 * ny + 1, -std::numeric_limits<double>::infinity());
+  double best = -std::numeric_limits<double>::infinity();
+  for (int j = -ny; j <= ny; ++j) {
+    for (int i = -nx; i <= nx; ++i) {
+      const double inside = radius_mm * radius_mm - i * px * i * px - j * py * j * py;
+      if (inside < 0) continue;
+      const double value = surface.height(x + i * px, y + j * py) + std::sqrt(inside);
+      f.at(i + nx, j + ny) = value;
+      best = std::max(best, value);
+    }
+  }
+  const double enough = best - 2 * std::max(px * px, py * py);
+  Contact winner;
+  winner.z = -std::numeric_limits<double>::infinity();
+  for (int j = 0; j < f.height; ++j) {
+    for (int i = 0; i < f.width; ++i) {
+      const double value = f.at(i, j);
+      if (value < enough) continue;
+      bool highest = true;
+      for (int jj = std::max(0, j - 1); jj <= std::min(f.height - 1, j + 1); ++jj) {
+        for (int ii = std::max(0, i - 1); ii <= std::min(f.width - 1, i + 1); ++ii) {
+          highest = highest && f.at(ii, jj) <= value;
+        }
+      }
+      if (!highest) continue;
+      const Contact contact = climb(surface, radius_mm, {x, y}, {x + (i - nx) * px, y + (j - ny) * py});
+      if (contact.z > winner.z) winner = contact;
+    }
+  }
+  return winner;
+}
+
+}  // namespace lightmill::detail
