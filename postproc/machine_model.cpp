@@ -57,20 +57,24 @@ RotaryAxis read_rotary(TomlTable table, std::string_view default_letter) {
     refuse(table, "direction", "must be -1 (ISO 841: the letter names the tool's turn) or 1 (the table's turn)");
   }
   if (table.has("min_deg") != table.has("max_deg")) {
-    refuse(table, table.has("min_deg") ? "min_deg" : "max_deg", "needs min_deg and max_deg, or neither for an endless axis");
+    refuse(table, table.has("min_deg") ? "min_deg" : "max_deg",
+           "needs min_deg and max_deg, or neither for an endless axis");
   }
   if (table.has("min_deg")) {
     axis.min_rad = required(table, "min_deg") * kRadPerDeg;
     axis.max_rad = required(table, "max_deg") * kRadPerDeg;
     if (axis.min_rad >= axis.max_rad) refuse(table, "max_deg", "must be greater than min_deg");
-    if (axis.min_rad > 0 || axis.max_rad < 0) refuse(table, "min_deg", "limits must enclose 0, where the workpiece is set up");
+    if (axis.min_rad > 0 || axis.max_rad < 0)
+      refuse(table, "min_deg", "limits must enclose 0, where the workpiece is set up");
   }
   axis.max_speed_rad_per_s = positive(table, "max_speed_deg_per_min") / 60 * kRadPerDeg;
   axis.acceleration_rad_per_s2 = positive(table, "acceleration_deg_per_s2") * kRadPerDeg;
   return axis;
 }
 
-bool within(const LinearAxis& axis, double value) { return value >= axis.min_mm && value <= axis.max_mm; }
+bool within(const LinearAxis& axis, double value) {
+  return value >= axis.min_mm && value <= axis.max_mm;
+}
 
 }  // namespace
 
