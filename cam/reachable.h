@@ -10,8 +10,8 @@ namespace lightmill {
 struct ReachableSurface {
   Box2 extent;
   double pitch_mm = 0;
-  Grid<float> closing_mm;        ///< lowest heights an ideal ball of this radius can leave, error below 0.2 um
-  Grid<float> residue_um;        ///< closing minus design, >= 0
+  Grid<float> closing_mm;           ///< lowest heights an ideal ball of this radius can leave, error below 0.2 um
+  Grid<float> residue_um;           ///< closing minus design, >= 0
   double unreachable_area_mm2 = 0;  ///< where the residue is above `threshold_um`
   double threshold_um = 0.1;
   double max_residue_um = 0;

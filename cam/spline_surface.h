@@ -4,6 +4,7 @@
 
 #include <filesystem>
 
+#include "cam/detail/spline_basis.h"
 #include "design/core/grid.h"
 #include "design/core/monitor.h"
 #include "design/mesh.h"
@@ -43,13 +44,6 @@ class SplineSurface {
   [[nodiscard]] double highest() const;
 
  private:
-  /// The four cubic basis functions that live on one span, with their derivatives by mm, at one coordinate.
-  struct Basis {
-    int first = 0;
-    double value[4], slope[4], curvature[4];
-  };
-  static Basis basis(double along_mm, double per_mm, int spans);
-
   Box2 extent_;
   int spans_x_ = 0;
   int spans_y_ = 0;
@@ -76,40 +70,9 @@ SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const Monitor&
 
 // Evaluation is what every tool path and check spends its time on: it lives here to be inlined.
 
-inline SplineSurface::Basis SplineSurface::basis(double along_mm, double per_mm, int spans) {
-  const double u = along_mm * per_mm;
-  const double inside = u < 0 ? 0 : (u > spans ? spans : u);
-  Basis b;
-  b.first = static_cast<int>(inside);
-  if (b.first >= spans) b.first = spans - 1;
-  const double t = inside - b.first;
-  const double s = 1 - t;
-  b.value[0] = s * s * s / 6;
-  b.value[1] = 2.0 / 3 - t * t * (2 - t) / 2;
-  b.value[2] = 2.0 / 3 - s * s * (2 - s) / 2;
-  b.value[3] = t * t * t / 6;
-  b.slope[0] = -s * s / 2 * per_mm;
-  b.slope[1] = t * (1.5 * t - 2) * per_mm;
-  b.slope[2] = s * (2 - 1.5 * s) * per_mm;
-  b.slope[3] = t * t / 2 * per_mm;
-  const double per_mm2 = per_mm * per_mm;
-  b.curvature[0] = s * per_mm2;
-  b.curvature[1] = (3 * t - 2) * per_mm2;
-  b.curvature[2] = (3 * s - 2) * per_mm2;
-  b.curvature[3] = t * per_mm2;
-  if (u != inside) {  // outside: straight on
-    const double excess_mm = (u - inside) / per_mm;
-    for (int i = 0; i < 4; ++i) {
-      b.value[i] += excess_mm * b.slope[i];
-      b.curvature[i] = 0;
-    }
-  }
-  return b;
-}
-
 inline SplineSurface::Sample SplineSurface::sample(double x, double y) const {
-  const Basis bx = basis(x - extent_.min.x(), per_mm_.x(), spans_x_);
-  const Basis by = basis(y - extent_.min.y(), per_mm_.y(), spans_y_);
+  const detail::SplineBasis bx = detail::spline_basis(x - extent_.min.x(), per_mm_.x(), spans_x_);
+  const detail::SplineBasis by = detail::spline_basis(y - extent_.min.y(), per_mm_.y(), spans_y_);
   Sample result;
   const double* c = coefficients_.values.data() + static_cast<std::size_t>(by.first) * coefficients_.width + bx.first;
   for (int j = 0; j < 4; ++j, c += coefficients_.width) {
@@ -127,8 +90,8 @@ inline SplineSurface::Sample SplineSurface::sample(double x, double y) const {
 }
 
 inline double SplineSurface::height(double x, double y) const {
-  const Basis bx = basis(x - extent_.min.x(), per_mm_.x(), spans_x_);
-  const Basis by = basis(y - extent_.min.y(), per_mm_.y(), spans_y_);
+  const detail::SplineBasis bx = detail::spline_basis(x - extent_.min.x(), per_mm_.x(), spans_x_);
+  const detail::SplineBasis by = detail::spline_basis(y - extent_.min.y(), per_mm_.y(), spans_y_);
   double h = 0;
   const double* c = coefficients_.values.data() + static_cast<std::size_t>(by.first) * coefficients_.width + bx.first;
   for (int j = 0; j < 4; ++j, c += coefficients_.width) {
