@@ -1,0 +1,44 @@
+// Power diagrams of planar sites with exact predicates, as flat arrays of dual vertices and edges.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "design/core/geometry.h"
+
+namespace lightmill::detail {
+
+/// The border between the cells of sites `a` and `b`, from vertex `from` to vertex `to`, counter-clockwise about `a`.
+/// At least one of the two is a real site; an index of sites.size() or more is a ghost outside everything.
+struct DualEdge {
+  int a;
+  int b;
+  int from;
+  int to;
+};
+
+/// Cells {x : x.s_i - psi_i is largest}; a site without edges has an empty cell.
+struct PowerDiagram {
+  std::vector<Vec2> vertices;
+  std::vector<DualEdge> edges;
+  std::vector<double> site_distance;    ///< |s_a - s_b| per edge
+  std::vector<std::size_t> first_edge;  ///< edges of site i: incident_edges[first_edge[i] .. first_edge[i + 1])
+  std::vector<int> incident_edges;
+};
+
+/// Builds power diagrams of fixed sites for varying potentials psi = (|s|^2 - w) / 2.
+class PowerDiagramBuilder {
+ public:
+  /// `reach`: no point of interest x is farther than this from the origin.
+  PowerDiagramBuilder(std::vector<Vec2> sites, double reach);
+
+  [[nodiscard]] PowerDiagram build(const std::vector<double>& psi) const;
+  [[nodiscard]] const std::vector<Vec2>& sites() const { return sites_; }
+
+ private:
+  std::vector<Vec2> sites_;
+  std::vector<Vec2> ghosts_;        // far away; they bound every real cell and never reach a point of interest
+  std::vector<std::size_t> order_;  // along a space-filling curve, found once
+};
+
+}  // namespace lightmill::detail

@@ -1,0 +1,464 @@
+#include "design/detail/target_measure.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "design/core/parallel.h"
+
+namespace lightmill::detail {
+
+namespace {
+
+constexpr std::size_t kEdgeBlock = 4096;
+constexpr std::size_t kRegionBlock = 16;
+
+/// One directed edge's share in a cell's mass and moments, and the density along it.
+struct Share {
+  double mass = 0;
+  Vec2 moment{0, 0};
+  Vec2 collapsed{0, 0};
+  double line = 0;
+};
+
+double cross(const Vec2& a, const Vec2& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+/// Keeps of [t0, t1] what has lo <= p + t d <= hi; false when nothing is left.
+bool clip(double p, double d, double lo, double hi, double& t0, double& t1) {
+  if (d == 0) return p >= lo && p <= hi;
+  double enter = (lo - p) / d;
+  double leave = (hi - p) / d;
+  if (enter > leave) std::swap(enter, leave);
+  t0 = std::max(t0, enter);
+  t1 = std::min(t1, leave);
+  return t0 <= t1;
+}
+
+/// A strip as a region of the plane that cells are integrated over.
+struct StripRegion {
+  const Strip& strip;
+  double radius;
+
+  [[nodiscard]] Vec2 anchor() const { return strip.from + strip.direction * (strip.length / 2); }
+  [[nodiscard]] Vec2 local(const Vec2& p) const {
+    const Vec2 d = p - strip.from;
+    return {d.dot(strip.direction), cross(strip.direction, d)};
+  }
+  [[nodiscard]] bool touches(const Vec2& p, const Vec2& q) const {
+    const Vec2 a = local(p);
+    const Vec2 d = local(q) - a;
+    const double slack = 1e-9 * radius;
+    double t0 = 0;
+    double t1 = 1;
+    return clip(a.x(), d.x(), -slack, strip.length + slack, t0, t1) &&
+           clip(a.y(), d.y(), -radius - slack, radius + slack, t0, t1);
+  }
+  /// Green's theorem with F(u) = int_0^u density, clamped to the strip: exact for every closed cell, antisymmetric per
+  /// edge.
+  [[nodiscard]] Share along(const Vec2& p, const Vec2& q) const {
+    Share share;
+    const Vec2 a = local(p);
+    const Vec2 d = local(q) - a;
+    double t0 = 0;
+    double t1 = 1;
+    if (!clip(a.y(), d.y(), -radius, radius, t0, t1)) return share;
+    const double scale = 1 / (2 * radius);
+    const double d0 = strip.density_from * scale;
+    const double slope = (strip.density_to - strip.density_from) * scale / strip.length;
+    const auto F = [&](double u) { return u * (d0 + slope * u / 2); };
+    const auto G = [&](double u) { return u * u * (d0 / 2 + slope * u / 3); };
+    double mass = 0;
+    double along_u = 0;
+    double along_v = 0;
+    const auto piece = [&](double from, double to) {
+      if (to <= from) return;
+      const double dv = d.y() * (to - from);
+      const double um = std::clamp(a.x() + d.x() * (from + to) / 2, 0.0, strip.length);
+      const double u0 = std::clamp(a.x() + d.x() * from, 0.0, strip.length);
+      const double u1 = std::clamp(a.x() + d.x() * to, 0.0, strip.length);
+      const double v0 = a.y() + d.y() * from;
+      const double v1 = a.y() + d.y() * to;
+      // Simpson's rule: exact for the cubics that occur.
+      mass += dv / 6 * (F(u0) + 4 * F(um) + F(u1));
+      along_u += dv / 6 * (G(u0) + 4 * G(um) + G(u1));
+      along_v += dv / 6 * (v0 * F(u0) + 2 * (v0 + v1) * F(um) + v1 * F(u1));
+    };
+    // Before, within and beyond the strip's length.
+    std::array<double, 4> cuts{t0, t0, t1, t1};
+    if (d.x() != 0) {
+      double first = (0 - a.x()) / d.x();
+      double second = (strip.length - a.x()) / d.x();
+      if (first > second) std::swap(first, second);
+      cuts[1] = std::clamp(first, t0, t1);
+      cuts[2] = std::clamp(second, t0, t1);
+    } else {
+      cuts[1] = t0;
+      cuts[2] = t1;
+    }
+    for (int k = 0; k < 3; ++k) piece(cuts[k], cuts[k + 1]);
+    const double mid = a.x() + d.x() * (cuts[1] + cuts[2]) / 2;
+    if (mid >= 0 && mid <= strip.length) share.line = d.norm() * (cuts[2] - cuts[1]) * (d0 + slope * mid);
+    const Vec2 across(-strip.direction.y(), strip.direction.x());
+    share.mass = mass;
+    share.collapsed = strip.from * mass + strip.direction * along_u;
+    share.moment = share.collapsed + across * along_v;
+    return share;
+  }
+};
+
+/// A disk of uniform density.
+struct DiskRegion {
+  const Disk& disk;
+  double radius;
+
+  [[nodiscard]] Vec2 anchor() const { return disk.centre; }
+  [[nodiscard]] bool touches(const Vec2& p, const Vec2& q) const {
+    const Vec2 a = p - disk.centre;
+    const Vec2 d = q - p;
+    const double length2 = d.squaredNorm();
+    const double t = length2 > 0 ? std::clamp(-a.dot(d) / length2, 0.0, 1.0) : 0.0;
+    return (a + t * d).squaredNorm() <= radius * radius * (1 + 1e-9);
+  }
+  /// The disk's part of the triangle (centre, p, q), signed: a triangle where the edge is inside, sectors where it is
+  /// not.
+  [[nodiscard]] Share along(const Vec2& p, const Vec2& q) const {
+    const Vec2 a = p - disk.centre;
+    const Vec2 b = q - disk.centre;
+    const Vec2 d = b - a;
+    double area = 0;
+    Vec2 moment(0, 0);
+    const auto sector = [&](const Vec2& from, const Vec2& to) {
+      const double angle = std::atan2(cross(from, to), from.dot(to));
+      area += radius * radius * angle / 2;
+      // Moment of a sector: R^3 / 3 (sin, -cos) between its two directions.
+      const Vec2 e0 = from.normalized();
+      const Vec2 e1 = to.normalized();
+      moment += radius * radius * radius / 3 * Vec2(e1.y() - e0.y(), e0.x() - e1.x());
+    };
+    Share share;
+    const double dd = d.squaredNorm();
+    const double half = a.dot(d);
+    const double discriminant = half * half - dd * (a.squaredNorm() - radius * radius);
+    double t0 = 1;
+    double t1 = 0;
+    if (dd > 0 && discriminant > 0) {
+      const double root = std::sqrt(discriminant);
+      t0 = std::clamp((-half - root) / dd, 0.0, 1.0);
+      t1 = std::clamp((-half + root) / dd, 0.0, 1.0);
+    }
+    const double density = disk.flux / (kPi * radius * radius);
+    if (t0 >= t1) {
+      if (a.squaredNorm() > 0 && b.squaredNorm() > 0) sector(a, b);
+    } else {
+      const Vec2 in = a + t0 * d;
+      const Vec2 out = a + t1 * d;
+      if (t0 > 0) sector(a, in);
+      const double triangle = cross(in, out) / 2;
+      area += triangle;
+      moment += triangle / 3 * (in + out);
+      if (t1 < 1) sector(out, b);
+      share.line = density * std::sqrt(dd) * (t1 - t0);
+    }
+    share.mass = density * area;
+    share.collapsed = share.mass * disk.centre;
+    share.moment = share.collapsed + density * moment;
+    return share;
+  }
+};
+
+/// What a block of regions adds, in the order it was found.
+struct Additions {
+  struct Cell {
+    int site;
+    Share share;
+  };
+  struct Slope {
+    int edge;
+    double line;
+  };
+  std::vector<Cell> cells;
+  std::vector<Slope> slopes;
+};
+
+/// Finds the cells that a convex region touches and integrates it over them.
+class RegionWalker {
+ public:
+  RegionWalker(const PowerDiagram& diagram, const std::vector<Vec2>& sites, const std::vector<double>& psi)
+      : diagram_(diagram), sites_(sites), psi_(psi), seen_(sites.size(), 0) {}
+
+  /// The cell that contains x, by steepest ascent of x.s - psi over neighbours from `hint`.
+  [[nodiscard]] int locate(const Vec2& x, int hint) const {
+    int cell = hint;
+    double value = x.dot(sites_[cell]) - psi_[cell];
+    for (;;) {
+      int best = cell;
+      for_each_edge(cell, [&](int e) {
+        const int other = across(e, cell);
+        if (other >= static_cast<int>(sites_.size())) return;
+        const double v = x.dot(sites_[other]) - psi_[other];
+        if (v > value) {
+          value = v;
+          best = other;
+        }
+      });
+      if (best == cell) return cell;
+      cell = best;
+    }
+  }
+
+  template <typename Region>
+  int walk(const Region& region, int hint, Additions& additions) {
+    const int n = static_cast<int>(sites_.size());
+    const int start = locate(region.anchor(), hint);
+    ++epoch_;
+    queue_.assign(1, start);
+    seen_[start] = epoch_;
+    for (std::size_t k = 0; k < queue_.size(); ++k) {
+      const int cell = queue_[k];
+      Share sum;
+      for_each_edge(cell, [&](int e) {
+        const auto& edge = diagram_.edges[e];
+        const Vec2& p = diagram_.vertices[edge.from];
+        const Vec2& q = diagram_.vertices[edge.to];
+        const Share share = region.along(p, q);
+        const double sign = edge.a == cell ? 1 : -1;
+        sum.mass += sign * share.mass;
+        sum.moment += sign * share.moment;
+        sum.collapsed += sign * share.collapsed;
+        if (share.line > 0 && edge.a == cell && edge.b < n) additions.slopes.push_back({e, share.line});
+        const int other = across(e, cell);
+        if (other < n && seen_[other] != epoch_ && region.touches(p, q)) {
+          seen_[other] = epoch_;
+          queue_.push_back(other);
+        }
+      });
+      additions.cells.push_back({cell, sum});
+    }
+    return start;
+  }
+
+ private:
+  template <typename Action>
+  void for_each_edge(int cell, const Action& action) const {
+    for (std::size_t k = diagram_.first_edge[cell]; k < diagram_.first_edge[cell + 1]; ++k)
+      action(diagram_.incident_edges[k]);
+  }
+  [[nodiscard]] int across(int e, int cell) const {
+    const auto& edge = diagram_.edges[e];
+    return edge.a == cell ? edge.b : edge.a;
+  }
+
+  const PowerDiagram& diagram_;
+  const std::vector<Vec2>& sites_;
+  const std::vector<double>& psi_;
+  std::vector<int> seen_;
+  std::vector<int> queue_;
+  int epoch_ = 0;
+};
+
+}  // namespace
+
+PixelDensity::PixelDensity(const Grid<double>& flux, const Box2& extent)
+    : width_(flux.width),
+      height_(flux.height),
+      origin_(extent.min),
+      pitch_(extent.size().x() / flux.width, extent.size().y() / flux.height),
+      pixels_(flux.values.size()),
+      beyond_(flux.height + 1) {
+  beyond_[0] = {0, 0, 0};
+  for (int row = 0; row < height_; ++row) {
+    double mass = 0;
+    double moment = 0;
+    for (int column = 0; column < width_; ++column) {
+      const double rho = flux.at(column, row);
+      pixels_[flux.index(column, row)] = {rho, mass - rho * column, moment - rho * column * column / 2};
+      mass += rho;
+      moment += rho * (column + 0.5);
+    }
+    const auto& below = beyond_[row];
+    beyond_[row + 1] = {below.mass + mass, below.y_moment + mass * (row + 0.5), below.x_moment + moment};
+  }
+}
+
+PixelDensity::Beyond PixelDensity::beyond(double y) const {
+  const int row = std::clamp(static_cast<int>(y), 0, height_ - 1);
+  const Beyond& below = beyond_[row];
+  const Beyond& above = beyond_[row + 1];
+  const double part = y - row;
+  const double row_mass = above.mass - below.mass;
+  return {below.mass + part * row_mass, below.y_moment + row_mass * (y * y - static_cast<double>(row) * row) / 2,
+          below.x_moment + part * (above.x_moment - below.x_moment)};
+}
+
+PixelDensity::Integral PixelDensity::along(const Vec2& p, const Vec2& q) const {
+  Integral result;
+  // In pixels, upwards; the sign of the contour integrals follows the direction.
+  double ax = (p.x() - origin_.x()) / pitch_.x();
+  double ay = (p.y() - origin_.y()) / pitch_.y();
+  double bx = (q.x() - origin_.x()) / pitch_.x();
+  double by = (q.y() - origin_.y()) / pitch_.y();
+  double sign = 1;
+  if (by < ay) {
+    std::swap(ax, bx);
+    std::swap(ay, by);
+    sign = -1;
+  }
+  if (by <= 0 || ay >= height_) return result;
+  const double dx = bx - ax;
+  const double dy = by - ay;
+  double t0 = 0;
+  double t1 = 1;
+  if (!clip(ay, dy, 0, height_, t0, t1)) return result;
+
+  double mass = 0;
+  double x_moment = 0;
+  double y_moment = 0;
+  double density_length = 0;  // of rho dt
+
+  // Right of the last column everything has been passed: closed form.
+  const auto right = [&](double from, double to) {
+    if (to <= from) return;
+    const Beyond low = beyond(std::clamp(ay + from * dy, 0.0, static_cast<double>(height_)));
+    const Beyond high = beyond(std::clamp(ay + to * dy, 0.0, static_cast<double>(height_)));
+    mass += high.mass - low.mass;
+    y_moment += high.y_moment - low.y_moment;
+    x_moment += high.x_moment - low.x_moment;
+  };
+  double in = t0;
+  double out = t1;
+  if (!clip(ax, dx, 0, width_, in, out)) {
+    if (ax + dx * (t0 + t1) / 2 >= width_) right(t0, t1);
+    in = out = t1;
+  } else {
+    if (dx < 0) right(t0, in);
+    if (dx > 0) right(out, t1);
+  }
+
+  // From pixel to pixel.
+  if (out > in) {
+    double x = std::clamp(ax + in * dx, 0.0, static_cast<double>(width_));
+    double y = std::clamp(ay + in * dy, 0.0, static_cast<double>(height_));
+    int column = static_cast<int>(x);
+    if (dx < 0 && column == x) --column;
+    column = std::clamp(column, 0, width_ - 1);
+    int row = std::clamp(static_cast<int>(y), 0, height_ - 1);
+    const int sense = dx > 0 ? 1 : -1;
+    constexpr double kNever = 1e300;
+    const double per_column = dx != 0 ? 1 / std::abs(dx) : kNever;
+    const double per_row = dy > 0 ? 1 / dy : kNever;
+    double next_column = dx > 0 ? (column + 1 - ax) / dx : dx < 0 ? (column - ax) / dx : kNever;
+    double next_row = dy > 0 ? (row + 1 - ay) / dy : kNever;
+    double t = in;
+    while (t < out) {
+      const bool sideways = next_column < next_row;
+      double to = sideways ? next_column : next_row;
+      double x1;
+      double y1;
+      if (to >= out) {
+        to = out;
+        x1 = ax + out * dx;
+        y1 = ay + out * dy;
+      } else {
+        x1 = ax + to * dx;
+        y1 = ay + to * dy;
+      }
+      const Pixel& pixel = pixels_[static_cast<std::size_t>(row) * width_ + column];
+      const double rise = y1 - y;
+      const double f0 = pixel.c0 + pixel.rho * x;
+      const double f1 = pixel.c0 + pixel.rho * x1;
+      mass += rise * (f0 + f1) / 2;
+      x_moment += rise * (pixel.c1 + pixel.rho * (x * x + x * x1 + x1 * x1) / 6);
+      y_moment += rise * (f0 * (2 * y + y1) + f1 * (y + 2 * y1)) / 6;
+      if (to > t) density_length += pixel.rho * (to - t);
+      t = std::max(t, to);
+      x = x1;
+      y = y1;
+      if (to == out) break;
+      if (sideways) {
+        column += sense;
+        next_column += per_column;
+        if (column < 0 || column >= width_) break;
+      } else {
+        ++row;
+        next_row += per_row;
+        if (row >= height_) break;
+      }
+    }
+  }
+
+  result.mass = sign * mass;
+  result.moment = sign * Vec2(origin_.x() * mass + pitch_.x() * x_moment, origin_.y() * mass + pitch_.y() * y_moment);
+  result.line = density_length * (q - p).norm() / (pitch_.x() * pitch_.y());
+  return result;
+}
+
+CellIntegrals integrate_cells(const TargetMeasure& measure, const PowerDiagram& diagram, const std::vector<Vec2>& sites,
+                              const std::vector<double>& psi, std::vector<int>& starts) {
+  const int n = static_cast<int>(sites.size());
+  CellIntegrals cells;
+  cells.masses.assign(n, 0);
+  cells.moments.assign(n, Vec2(0, 0));
+  cells.edge_slopes.assign(diagram.edges.size(), 0);
+
+  // Pixels: once along every edge, added on one side and subtracted on the other.
+  if (!measure.pixels.empty()) {
+    std::vector<PixelDensity::Integral> integrals(diagram.edges.size());
+    parallel_blocks(diagram.edges.size(), kEdgeBlock, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t e = begin; e < end; ++e) {
+        const auto& edge = diagram.edges[e];
+        integrals[e] = measure.pixels.along(diagram.vertices[edge.from], diagram.vertices[edge.to]);
+      }
+    });
+    for (std::size_t e = 0; e < diagram.edges.size(); ++e) {
+      const auto& edge = diagram.edges[e];
+      if (edge.a < n) {
+        cells.masses[edge.a] += integrals[e].mass;
+        cells.moments[edge.a] += integrals[e].moment;
+      }
+      if (edge.b < n) {
+        cells.masses[edge.b] -= integrals[e].mass;
+        cells.moments[edge.b] -= integrals[e].moment;
+      }
+      if (edge.a < n && edge.b < n) cells.edge_slopes[e] = integrals[e].line;
+    }
+  }
+  cells.collapsed_moments = cells.moments;
+
+  // Strips and disks: over the cells they touch, each block on its own, summed in order.
+  const std::size_t regions = measure.strips.size() + measure.disks.size();
+  if (regions > 0) {
+    int visible = 0;
+    while (visible + 1 < n && diagram.first_edge[visible] == diagram.first_edge[visible + 1]) ++visible;
+    starts.resize(regions, visible);
+    const std::size_t blocks = (regions + kRegionBlock - 1) / kRegionBlock;
+    std::vector<Additions> additions(blocks);
+    const std::size_t group = (blocks + 7) / 8;  // few walkers: each needs memory of the size of the diagram
+    parallel_blocks(blocks, group, [&](std::size_t first_block, std::size_t last_block) {
+      RegionWalker walker(diagram, sites, psi);
+      for (std::size_t b = first_block; b < last_block; ++b) {
+        for (std::size_t r = b * kRegionBlock; r < std::min(regions, (b + 1) * kRegionBlock); ++r) {
+          int hint = starts[r];
+          if (hint >= n || diagram.first_edge[hint] == diagram.first_edge[hint + 1]) hint = visible;
+          starts[r] = r < measure.strips.size()
+                          ? walker.walk(StripRegion{measure.strips[r], measure.strip_radius}, hint, additions[b])
+                          : walker.walk(DiskRegion{measure.disks[r - measure.strips.size()], measure.disk_radius}, hint,
+                                        additions[b]);
+        }
+      }
+    });
+    for (const auto& block : additions) {
+      for (const auto& [site, share] : block.cells) {
+        cells.masses[site] += share.mass;
+        cells.moments[site] += share.moment;
+        cells.collapsed_moments[site] += share.collapsed;
+      }
+      for (const auto& [edge, line] : block.slopes) cells.edge_slopes[edge] += line;
+    }
+  }
+  for (std::size_t e = 0; e < diagram.edges.size(); ++e) cells.edge_slopes[e] /= diagram.site_distance[e];
+  return cells;
+}
+
+}  // namespace lightmill::detail

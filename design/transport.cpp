@@ -1,0 +1,408 @@
+#include "design/transport.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <deque>
+#include <limits>
+#include <numeric>
+#include <optional>
+
+#include "design/core/errors.h"
+#include "design/core/text.h"
+#include "design/detail/laplacian.h"
+#include "design/detail/power_diagram.h"
+#include "design/detail/sampling.h"
+#include "design/detail/target_measure.h"
+
+namespace lightmill {
+
+namespace {
+
+using detail::CellIntegrals;
+using detail::GraphEdge;
+using detail::Laplacian;
+using detail::PowerDiagram;
+using detail::PowerDiagramBuilder;
+using detail::Sampling;
+using detail::TargetMeasure;
+using Potential = std::vector<double>;
+
+constexpr double kEmpty = 1e-9;  // a cell with less than this share of its mass is empty
+constexpr double kArmijo = 1e-4;
+constexpr int kMemory = 12;                // pairs that L-BFGS remembers
+constexpr double kNewtonFrom = 0.03;       // l1 error below which Newton takes over, once no cell is empty
+constexpr double kCoarseTolerance = 3e-2;  // of the worst cell on all levels but the finest
+
+double dot(const Potential& a, const Potential& b) {
+  return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
+}
+
+Potential plus(const Potential& a, double t, const Potential& d) {
+  Potential result(a.size());
+  for (std::size_t i = 0; i < a.size(); ++i) result[i] = a[i] + t * d[i];
+  return result;
+}
+
+/// The dual at a potential. In psi = (|s|^2 - w) / 2 the convex function of [paper eq. 3] is, up to a constant and a
+/// factor, sum_i nu_i psi_i + int max_i (x.s_i - psi_i) dmu(x), with the gradient nu_i - mu(C_i).
+struct Evaluation {
+  Potential psi;
+  PowerDiagram diagram;
+  CellIntegrals cells;
+  Potential gradient;
+  double value = 0;
+  double l1_error = 0;
+  double max_error = 0;
+  double min_share = 0;  // smallest mu(C_i) / nu_i
+  int empty = 0;
+
+  [[nodiscard]] std::string words() const {
+    return "mass error l1 " + fixed(l1_error, 6) + ", worst cell " + fixed(max_error, 4) + ", empty cells " +
+           std::to_string(empty);
+  }
+};
+
+/// One level of the multi-scale solver.
+class Level {
+ public:
+  Level(const Sampling& sampling, const TargetMeasure& measure, double reach, const TransportOptions& options)
+      : sampling_(sampling),
+        measure_(measure),
+        options_(options),
+        builder_(sampling.sites, reach),
+        metric_(static_cast<int>(sampling.sites.size()), sampling.edges) {}
+
+  /// Improves psi until the errors are below `l1` and `most` and no cell is empty; returns the best it found otherwise.
+  Evaluation solve(Potential psi, double l1, double most, const Monitor& monitor) {
+    evaluations_ = 0;
+    Evaluation now = evaluate(std::move(psi));
+    const auto done = [&] { return now.empty == 0 && now.l1_error <= l1 && now.max_error <= most; };
+    double newton_from = kNewtonFrom;
+    while (!done() && evaluations_ < options_.max_iterations) {
+      descend(now, newton_from, done, monitor);
+      if (done()) break;
+      if (!newton(now, done, monitor)) newton_from = std::min(newton_from, now.l1_error) / 2;
+    }
+    return now;
+  }
+  [[nodiscard]] int evaluations() const { return evaluations_; }
+
+ private:
+  Evaluation evaluate(Potential psi) {
+    ++evaluations_;
+    Evaluation e;
+    e.diagram = builder_.build(psi);
+    e.cells = integrate_cells(measure_, e.diagram, sampling_.sites, psi, starts_);
+    const std::size_t n = psi.size();
+    e.gradient.resize(n);
+    e.min_share = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < n; ++i) {
+      const double mass = e.cells.masses[i];
+      const double nu = sampling_.masses[i];
+      e.gradient[i] = nu - mass;
+      e.value += nu * psi[i] + sampling_.sites[i].dot(e.cells.moments[i]) - psi[i] * mass;
+      e.l1_error += std::abs(nu - mass);
+      e.max_error = std::max(e.max_error, std::abs(nu - mass) / nu);
+      e.min_share = std::min(e.min_share, mass / nu);
+      e.empty += mass < kEmpty * nu;
+    }
+    e.psi = std::move(psi);
+    if (std::getenv("LM_TRACE"))
+      std::fprintf(stderr, "  n %zu eval %d value %.12g %s\n", n, evaluations_, e.value, e.words().c_str());
+    return e;
+  }
+
+  /// L-BFGS with the source's Laplacian as metric and Armijo's rule: works with empty cells, and fills them.
+  template <typename Done>
+  void descend(Evaluation& now, double newton_from, const Done& done, const Monitor& monitor) {
+    struct Pair {
+      Potential step, change;
+      double curvature;
+    };
+    std::deque<Pair> memory;
+    int filled = 0;  // iterations in a row without an empty cell
+    double gamma = 1;
+    while (evaluations_ < options_.max_iterations) {
+      monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
+                     static_cast<double>(evaluations_) / options_.max_iterations);
+      // Two-loop recursion [Nocedal and Wright 2006, alg. 7.4].
+      Potential d = now.gradient;
+      std::vector<double> alpha(memory.size());
+      for (std::size_t k = memory.size(); k-- > 0;) {
+        alpha[k] = dot(memory[k].step, d) / memory[k].curvature;
+        for (std::size_t i = 0; i < d.size(); ++i) d[i] -= alpha[k] * memory[k].change[i];
+      }
+      d = metric_.solve(d);
+      for (double& x : d) x *= gamma;
+      for (std::size_t k = 0; k < memory.size(); ++k) {
+        const double beta = dot(memory[k].change, d) / memory[k].curvature;
+        for (std::size_t i = 0; i < d.size(); ++i) d[i] += (alpha[k] - beta) * memory[k].step[i];
+      }
+      for (double& x : d) x = -x;
+      const double slope = dot(now.gradient, d);
+      if (!(slope < 0)) {
+        if (memory.empty()) return;
+        memory.clear();
+        continue;
+      }
+      double t = 1;
+      std::optional<Evaluation> next;
+      const double noise = 1e-13 * std::abs(now.value);
+      for (int attempt = 0;; ++attempt) {
+        Evaluation trial = evaluate(plus(now.psi, t, d));
+        if (trial.value <= now.value + kArmijo * t * slope + noise) {
+          next = std::move(trial);
+          break;
+        }
+        if (attempt == 30 || evaluations_ >= options_.max_iterations) break;
+        // The parabola through both values and the slope, within reason.
+        const double parabola = -slope * t * t / (2 * (trial.value - now.value - slope * t));
+        t = std::clamp(parabola, 0.1 * t, 0.5 * t);
+      }
+      if (!next) {
+        if (memory.empty()) return;
+        memory.clear();
+        continue;
+      }
+      Pair pair;
+      pair.step = plus(next->psi, -1, now.psi);
+      pair.change = plus(next->gradient, -1, now.gradient);
+      pair.curvature = dot(pair.step, pair.change);
+      if (pair.curvature > 0) {
+        const Potential weighted = metric_.solve(pair.change);
+        gamma = pair.curvature / dot(pair.change, weighted);
+        memory.push_back(std::move(pair));
+        if (memory.size() > kMemory) memory.pop_front();
+      }
+      now = std::move(*next);
+      filled = now.empty == 0 ? filled + 1 : 0;
+      if (done() || (filled >= 2 && now.l1_error < newton_from)) return;
+    }
+  }
+
+  /// Damped Newton [Kitagawa, Merigot, Thibert 2019, alg. 1]. False when the step becomes too small.
+  template <typename Done>
+  bool newton(Evaluation& now, const Done& done, const Monitor& monitor) {
+    const double least = std::min(now.min_share, 1.0) / 2;
+    while (!done() && evaluations_ < options_.max_iterations) {
+      monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
+                     static_cast<double>(evaluations_) / options_.max_iterations);
+      std::vector<GraphEdge> edges;
+      double total = 0;
+      for (std::size_t e = 0; e < now.diagram.edges.size(); ++e) {
+        const auto& edge = now.diagram.edges[e];
+        if (now.cells.edge_slopes[e] > 0) {
+          edges.push_back({edge.a, edge.b, now.cells.edge_slopes[e]});
+          total += now.cells.edge_slopes[e];
+        }
+      }
+      // A trace of the metric joins parts of the target that no cell bridges.
+      double metric_total = 0;
+      for (const auto& edge : sampling_.edges) metric_total += edge.weight;
+      for (const auto& edge : sampling_.edges)
+        edges.push_back({edge.a, edge.b, 1e-10 * total / metric_total * edge.weight});
+      const Laplacian hessian(static_cast<int>(now.psi.size()), edges);
+      const Potential step = hessian.solve(now.gradient);
+      const double norm = std::sqrt(dot(now.gradient, now.gradient));
+      double alpha = 1;
+      for (;;) {
+        Evaluation trial = evaluate(plus(now.psi, -alpha, step));
+        if (trial.min_share >= least && std::sqrt(dot(trial.gradient, trial.gradient)) <= (1 - alpha / 2) * norm) {
+          now = std::move(trial);
+          break;
+        }
+        alpha /= 2;
+        if (alpha < 1e-3 || evaluations_ >= options_.max_iterations) return false;
+      }
+    }
+    return true;
+  }
+
+  const Sampling& sampling_;
+  const TargetMeasure& measure_;
+  const TransportOptions& options_;
+  PowerDiagramBuilder builder_;
+  Laplacian metric_;
+  std::vector<int> starts_;
+  int evaluations_ = 0;
+};
+
+/// Flux onto another grid over the same rectangle, by exact overlap.
+Grid<double> box_filtered(const Grid<double>& grid, int width, int height) {
+  const auto resample = [](const Grid<double>& in, int out_width) {
+    // Along rows; the result is transposed, so that twice does both directions.
+    Grid<double> out(in.height, out_width);
+    const double scale = static_cast<double>(out_width) / in.width;
+    for (int row = 0; row < in.height; ++row) {
+      for (int column = 0; column < in.width; ++column) {
+        const double value = in.at(column, row);
+        if (value == 0) continue;
+        const double from = column * scale;
+        const double to = (column + 1) * scale;
+        const int last = std::min(out_width - 1, static_cast<int>(to));
+        for (int k = static_cast<int>(from); k <= last; ++k) {
+          const double overlap = std::min<double>(to, k + 1) - std::max<double>(from, k);
+          if (overlap > 0) out.at(row, k) += value * overlap / scale;
+        }
+      }
+    }
+    return out;
+  };
+  return resample(resample(grid, width), height);
+}
+
+/// Mean and standard deviation of the target in x and y.
+struct Spread {
+  Vec2 mean{0, 0};
+  Vec2 deviation{0, 0};
+};
+
+Spread spread_of(const TargetLight& target, double point_radius) {
+  double mass = 0;
+  Vec2 first(0, 0);
+  Vec2 second(0, 0);
+  const auto add = [&](double m, const Vec2& p, const Vec2& variance) {
+    mass += m;
+    first += m * p;
+    second += m * (p.cwiseProduct(p) + variance);
+  };
+  const auto& area = target.area_flux;
+  if (!area.empty()) {
+    const Vec2 pitch = target.extent.size().cwiseQuotient(Vec2(area.width, area.height));
+    for (int row = 0; row < area.height; ++row) {
+      for (int column = 0; column < area.width; ++column) {
+        add(area.at(column, row), target.extent.min + pitch.cwiseProduct(Vec2(column + 0.5, row + 0.5)),
+            pitch.cwiseProduct(pitch) / 12);
+      }
+    }
+  }
+  const Vec2 blur = Vec2::Constant(point_radius * point_radius / 4);
+  for (const auto& curve : target.curves) {
+    for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
+      const Vec2 d = curve.vertices_mm[k + 1] - curve.vertices_mm[k];
+      add(d.norm() * (curve.density_per_mm[k] + curve.density_per_mm[k + 1]) / 2,
+          (curve.vertices_mm[k + 1] + curve.vertices_mm[k]) / 2, d.cwiseProduct(d) / 12 + blur);
+    }
+  }
+  for (const auto& point : target.points) add(point.flux, point.position_mm, blur);
+  Spread spread;
+  spread.mean = first / mass;
+  spread.deviation = (second / mass - spread.mean.cwiseProduct(spread.mean)).cwiseMax(0).cwiseSqrt();
+  return spread;
+}
+
+void check(const SourceLight& source, const TargetLight& target, const TransportOptions& options) {
+  if (!(source.size_mm.x() > 0 && source.size_mm.y() > 0))
+    throw InputError("transport: the source must have a size above 0");
+  if (options.samples < 16)
+    throw InputError("transport.samples = " + std::to_string(options.samples) + ": must be at least 16");
+  if (!(options.point_radius_mm > 0)) throw InputError("transport: point_radius_mm must be above 0");
+  if (std::abs(target.total() - 1) > 1e-9) throw InputError("transport: the target light must be normalised");
+}
+
+}  // namespace
+
+TransportMap solve_transport(const SourceLight& source, const TargetLight& target, const TransportOptions& options,
+                             const Monitor& monitor) {
+  check(source, target, options);
+  const auto start = std::chrono::steady_clock::now();
+  const std::vector<Sampling> samplings = detail::sample_source(source, options.samples, monitor);
+
+  // The target about its own centre of mass: potentials of a concentrated target are then small, and accurate.
+  const Spread spread = spread_of(target, options.point_radius_mm);
+  const Box2 extent{target.extent.min - spread.mean, target.extent.max - spread.mean};
+  const double reach = std::max({extent.min.norm(), extent.max.norm(), Vec2(extent.min.x(), extent.max.y()).norm(),
+                                 Vec2(extent.max.x(), extent.min.y()).norm()}) +
+                       options.point_radius_mm;
+
+  TransportMap map;
+  Potential psi;
+  std::optional<Evaluation> result;
+  const int levels = static_cast<int>(samplings.size());
+  double share_done = 0;
+  for (int level = levels - 1; level >= 0; --level) {
+    const Sampling& sampling = samplings[level];
+    const int n = static_cast<int>(sampling.sites.size());
+
+    TargetMeasure measure;
+    if (!target.area_flux.empty() && target.area_total() > 0) {
+      int width = target.area_flux.width;
+      int height = target.area_flux.height;
+      if (level > 0) {
+        const double shrink = std::sqrt(static_cast<double>(n) / (static_cast<double>(width) * height));
+        if (shrink < 1) {
+          width = std::max(1, static_cast<int>(std::lround(width * shrink)));
+          height = std::max(1, static_cast<int>(std::lround(height * shrink)));
+        }
+      }
+      const bool same = width == target.area_flux.width && height == target.area_flux.height;
+      measure.pixels =
+          detail::PixelDensity(same ? target.area_flux : box_filtered(target.area_flux, width, height), extent);
+    }
+    for (const auto& curve : target.curves) {
+      for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
+        const Vec2 d = curve.vertices_mm[k + 1] - curve.vertices_mm[k];
+        if (d.norm() == 0) continue;
+        measure.strips.push_back({curve.vertices_mm[k] - spread.mean, d.normalized(), d.norm(), curve.density_per_mm[k],
+                                  curve.density_per_mm[k + 1]});
+      }
+    }
+    for (const auto& point : target.points) measure.disks.push_back({point.position_mm - spread.mean, point.flux});
+    measure.strip_radius = options.point_radius_mm;
+    measure.disk_radius = options.point_radius_mm;
+
+    if (psi.empty()) {
+      // The affine map with the right centre and spreads.
+      const Vec2 stretch = spread.deviation.cwiseQuotient(sampling.spread);
+      psi.resize(n);
+      for (int i = 0; i < n; ++i) psi[i] = stretch.dot(sampling.sites[i].cwiseProduct(sampling.sites[i])) / 2;
+    } else {
+      psi = detail::prolong(samplings[level + 1], psi, sampling);
+    }
+
+    const double share = std::pow(0.25, level);
+    Level solver(sampling, measure, reach, options);
+    const bool finest = level == 0;
+    result = solver.solve(std::move(psi), finest ? options.l1_tolerance : kCoarseTolerance,
+                          finest ? options.max_tolerance : kCoarseTolerance,
+                          monitor.part(share_done, share_done + 0.75 * share));
+    share_done += 0.75 * share;
+    psi = result->psi;
+    map.summary.iterations += solver.evaluations();
+    ++map.summary.levels;
+  }
+
+  const Sampling& sampling = samplings.front();
+  const std::size_t n = sampling.sites.size();
+  map.sites_mm = sampling.sites;
+  map.source_masses = sampling.masses;
+  map.source_centroids_mm = sampling.centroids;
+  map.target_masses = result->cells.masses;
+  map.target_centroids_mm.resize(n);
+  map.weights_mm2.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const double mass = map.target_masses[i];
+    map.target_centroids_mm[i] =
+        spread.mean + (mass > 0 ? Vec2(result->cells.collapsed_moments[i] / mass) : Vec2(0, 0));
+    map.weights_mm2[i] = sampling.sites[i].squaredNorm() - 2 * (psi[i] + spread.mean.dot(sampling.sites[i]));
+  }
+  map.summary.samples = static_cast<int>(n);
+  map.summary.l1_mass_error = result->l1_error;
+  map.summary.max_mass_error = result->max_error;
+  map.summary.empty_cells = result->empty;
+  map.summary.converged =
+      result->empty == 0 && result->l1_error <= options.l1_tolerance && result->max_error <= options.max_tolerance;
+  map.summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (!map.summary.converged) {
+    throw NumericalError("transport did not reach its tolerances in " + std::to_string(map.summary.iterations) +
+                         " evaluations: " + result->words() +
+                         "; try fewer samples, a larger point_radius_mm or a brighter background");
+  }
+  map.summary.reason = "tolerances reached";
+  return map;
+}
+
+}  // namespace lightmill
