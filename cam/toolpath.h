@@ -38,7 +38,8 @@ struct ToolPath {
   double spindle_rpm = 0;
   std::vector<Move> moves;
   double stepover_mm = 0;            ///< the widest distance between neighbouring passes
-  double predicted_cusp_um = 0;      ///< highest cusp the plan expects on the reachable surface
+  double predicted_cusp_um = 0;      ///< highest cusp the plan expects on the reachable surface (rough: most it leaves)
+  double above_limit_mm2 = 0;        ///< reachable area where the plan expects a higher cusp than was asked for
   double clearance_z_mm = 0;         ///< rapids are at or above this height of the tip
 
   [[nodiscard]] double length_mm() const;          ///< of all moves

@@ -183,6 +183,26 @@ Vec3 TomlTable::vector3(std::string_view key, const Vec3& fallback) {
   return {*(*array)[0].value<double>(), *(*array)[1].value<double>(), *(*array)[2].value<double>()};
 }
 
+std::vector<std::vector<double>> TomlTable::number_rows(std::string_view key, std::size_t columns) {
+  std::vector<std::vector<double>> result;
+  const toml::node* node = node_->find(key);
+  if (!node) return result;
+  const std::string rule = "must be an array of rows of " + std::to_string(columns) + " finite numbers each";
+  const toml::array* rows = node->as_array();
+  if (!rows) throw InputError(node_->complain(key, rule));
+  for (const auto& element : *rows) {
+    const toml::array* row = element.as_array();
+    if (!row || row->size() != columns) throw InputError(node_->complain(key, rule));
+    result.emplace_back();
+    for (const auto& cell : *row) {
+      const auto value = cell.is_number() ? cell.value<double>() : std::nullopt;
+      if (!value || !std::isfinite(*value)) throw InputError(node_->complain(key, rule));
+      result.back().push_back(*value);
+    }
+  }
+  return result;
+}
+
 bool TomlTable::is_text(std::string_view key) const {
   return node_->table && node_->table->get(key) && node_->table->get(key)->is_string();
 }

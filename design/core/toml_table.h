@@ -37,6 +37,8 @@ class TomlTable {
   std::string choice(std::string_view key, std::string_view fallback, const std::vector<std::string_view>& choices);
   Vec2 vector2(std::string_view key, const Vec2& fallback);
   Vec3 vector3(std::string_view key, const Vec3& fallback);
+  /// An array of rows of `columns` numbers each ([[1, 2], [3, 4]]); an absent one is empty.
+  std::vector<std::vector<double>> number_rows(std::string_view key, std::size_t columns);
   /// A number or a text (for `height_mm = "auto"`).
   [[nodiscard]] bool is_text(std::string_view key) const;
 
