@@ -5,6 +5,6 @@ set -euo pipefail
 cd "$(dirname "$0")"
 out=${1:-out/portrait}
 .ci/install build
-cmake --preset release -DBUILD_TESTING=OFF >/dev/null
+cmake --preset release -DLIGHTMILL_TESTS=OFF >/dev/null
 cmake --build --preset release --target lightmill -- --quiet
 build/release/lightmill make fixtures/jobs/portrait.toml -o "$out"

@@ -5,6 +5,6 @@ cd "$(dirname "$0")"
 preset=${1:-release}
 shift || true
 .ci/install test
-cmake --preset "$preset" -DBUILD_TESTING=ON >/dev/null
+cmake --preset "$preset" -DLIGHTMILL_TESTS=ON >/dev/null
 cmake --build --preset "$preset" -- --quiet
 ctest --preset "$preset" -j 2 "$@"
