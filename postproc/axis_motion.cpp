@@ -192,7 +192,7 @@ class Writer {
                   turn_inner / m.inner.max_speed_rad_per_s});
     const double wanted_s = tip_length_mm / feed_mm_per_s;
     const double seconds = std::max({wanted_s, axes_s, m.min_block_s});
-    if (seconds > wanted_s * (1 + 1e-9)) ++motion_.slowed_moves;
+    if (wanted_s > 0 && seconds > wanted_s * (1 + 1e-9)) ++motion_.slowed_moves;
     if (seconds > 0) motion_.max_axis_speed_ratio = std::max(motion_.max_axis_speed_ratio, axes_s / seconds);
     motion_.moves.push_back({joints, kind, seconds, turn_outer > 0 || turn_inner > 0});
     at_ = joints;
@@ -494,7 +494,7 @@ std::vector<Choice> choose(const Job& job, const std::vector<Layer>& layers, con
                        " would pass a limit on the way here and cannot turn back in the cut; "
                        "split the pass with a rapid above the part, or turn the workpiece on the table");
     }
-    if (layer.pole) {
+    if (layer.pole && layer.kind != MoveKind::kRapid) {
       const auto in_air = [](MoveKind kind) { return kind == MoveKind::kLink || kind == MoveKind::kRapid; };
       const bool air = in_air(layer.kind) && (i + 1 == layers.size() || in_air(layers[i + 1].kind));
       const std::vector<double> arrived = now;
