@@ -1,0 +1,354 @@
+#include "design/detail/compound_energy.h"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "design/core/errors.h"
+#include "design/core/parallel.h"
+
+namespace lightmill::detail {
+
+namespace {
+
+Eigen::Matrix3d cross_matrix(const Vec3& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+/// Fewer neighbours than this have no reason to be on the heap.
+using RowMatrix3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+}  // namespace
+
+Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed, std::vector<Eigen::Matrix3d>* jacobians) {
+  const int count = static_cast<int>(ring.size());
+  const int triangle_count = closed ? count : count - 1;
+  Vec3 sum = Vec3::Zero();
+  if (jacobians) jacobians->assign(count + 1, Eigen::Matrix3d::Zero());
+  for (int k = 0; k < triangle_count; ++k) {
+    const int next = k + 1 == count ? 0 : k + 1;
+    const Vec3 u = ring[k] - centre;
+    const Vec3 w = ring[next] - centre;
+    const Vec3 c = u.cross(w);
+    const double area = c.norm();
+    if (area == 0) continue;
+    const Vec3 n = c / area;
+    const double angle = std::atan2(area, u.dot(w));
+    sum += angle * n;
+    if (!jacobians) continue;
+    // The face normal turns with c; the angle closes when u turns towards w.
+    const Eigen::Matrix3d turn = (angle / area) * (Eigen::Matrix3d::Identity() - n * n.transpose());
+    const Eigen::Matrix3d by_u = -turn * cross_matrix(w) - n * (n.cross(u) / u.squaredNorm()).transpose();
+    const Eigen::Matrix3d by_w = turn * cross_matrix(u) + n * (n.cross(w) / w.squaredNorm()).transpose();
+    (*jacobians)[k + 1] += by_u;
+    (*jacobians)[next + 1] += by_w;
+    (*jacobians)[0] -= by_u + by_w;
+  }
+  const double length = sum.norm();
+  if (length == 0) return Vec3::UnitZ();
+  const Vec3 normal = sum / length;
+  if (jacobians) {
+    const Eigen::Matrix3d scale = (Eigen::Matrix3d::Identity() - normal * normal.transpose()) / length;
+    for (auto& j : *jacobians) j = scale * j;
+  }
+  return normal;
+}
+
+namespace {
+
+/// E_int [paper eq. 6]: the vertex's angle-weighted normal against its target. Parameters: the vertex, then its ring.
+class NormalCost : public ceres::CostFunction {
+ public:
+  NormalCost(const Vec3& target, int neighbours, bool closed, double weight)
+      : target_(target), closed_(closed), weight_(weight) {
+    set_num_residuals(3);
+    mutable_parameter_block_sizes()->assign(neighbours + 1, 3);
+  }
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const int neighbours = static_cast<int>(parameter_block_sizes().size()) - 1;
+    thread_local std::vector<Vec3> ring;
+    thread_local std::vector<Eigen::Matrix3d> derivatives;
+    ring.resize(neighbours);
+    for (int k = 0; k < neighbours; ++k) ring[k] = Eigen::Map<const Vec3>(parameters[k + 1]);
+    const Vec3 normal =
+        ring_normal(Eigen::Map<const Vec3>(parameters[0]), ring, closed_, jacobians ? &derivatives : nullptr);
+    Eigen::Map<Vec3>{residuals} = weight_ * (normal - target_);
+    if (jacobians) {
+      for (int k = 0; k <= neighbours; ++k) {
+        if (jacobians[k]) Eigen::Map<RowMatrix3>{jacobians[k]} = weight_ * derivatives[k];
+      }
+    }
+    return true;
+  }
+
+ private:
+  Vec3 target_;
+  bool closed_;
+  double weight_;
+};
+
+/// E_dir [paper eq. 7] for light along +Z: the way from the vertex to its ray.
+class DirectionCost : public ceres::SizedCostFunction<2, 3> {
+ public:
+  DirectionCost(const Vec2& entry, double weight) : entry_(entry), weight_(weight) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    for (int axis = 0; axis < 2; ++axis) residuals[axis] = weight_ * (parameters[0][axis] - entry_[axis]);
+    if (jacobians && jacobians[0]) {
+      Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>{jacobians[0]} << weight_, 0, 0, 0, weight_, 0;
+    }
+    return true;
+  }
+
+ private:
+  Vec2 entry_;
+  double weight_;
+};
+
+/// E_flux [paper eq. 8]: the light through a triangle, which for parallel light is its area seen along the light.
+class FluxCost : public ceres::SizedCostFunction<1, 3, 3, 3> {
+ public:
+  FluxCost(double area, double weight) : area_(area), weight_(weight) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const double* a = parameters[0];
+    const double* b = parameters[1];
+    const double* c = parameters[2];
+    const double area = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2;
+    residuals[0] = weight_ * (area - area_);
+    if (jacobians) {
+      for (int k = 0; k < 3; ++k) {
+        if (!jacobians[k]) continue;
+        const double* next = parameters[(k + 1) % 3];
+        const double* previous = parameters[(k + 2) % 3];
+        jacobians[k][0] = weight_ * (next[1] - previous[1]) / 2;
+        jacobians[k][1] = weight_ * (previous[0] - next[0]) / 2;
+        jacobians[k][2] = 0;
+      }
+    }
+    return true;
+  }
+
+ private:
+  double area_;
+  double weight_;
+};
+
+/// E_reg [paper eq. 9], in the plane: the combinatorial Laplacian of x and y over the given neighbours.
+class PlanarSmoothnessCost : public ceres::CostFunction {
+ public:
+  PlanarSmoothnessCost(int neighbours, const Vec2& rest, double weight) : rest_(rest), weight_(weight) {
+    set_num_residuals(2);
+    mutable_parameter_block_sizes()->assign(neighbours + 1, 3);
+  }
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const int neighbours = static_cast<int>(parameter_block_sizes().size()) - 1;
+    for (int axis = 0; axis < 2; ++axis) {
+      double sum = -rest_[axis];
+      for (int k = 1; k <= neighbours; ++k) sum += parameters[k][axis] - parameters[0][axis];
+      residuals[axis] = weight_ * sum;
+    }
+    if (jacobians) {
+      for (int k = 0; k <= neighbours; ++k) {
+        if (!jacobians[k]) continue;
+        const double d = k == 0 ? -weight_ * neighbours : weight_;
+        Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>{jacobians[k]} << d, 0, 0, 0, d, 0;
+      }
+    }
+    return true;
+  }
+
+ private:
+  Vec2 rest_;
+  double weight_;
+};
+
+/// E_reg along z: the Laplacian of the heights, less what the wanted slopes ask it to be (trapezoidal rule). A smooth lens,
+/// however strongly curved, costs nothing; what no vertex normal can see (a checkerboard of heights) does.
+class HeightSmoothnessCost : public ceres::CostFunction {
+ public:
+  HeightSmoothnessCost(std::vector<Vec2> mean_slopes, double weight) : slopes_(std::move(mean_slopes)), weight_(weight) {
+    set_num_residuals(1);
+    mutable_parameter_block_sizes()->assign(slopes_.size() + 1, 3);
+    for (const Vec2& s : slopes_) sum_ += s;
+  }
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const double* centre = parameters[0];
+    double sum = 0;
+    for (std::size_t k = 0; k < slopes_.size(); ++k) {
+      const double* p = parameters[k + 1];
+      sum += p[2] - centre[2] - slopes_[k].x() * (p[0] - centre[0]) - slopes_[k].y() * (p[1] - centre[1]);
+    }
+    residuals[0] = weight_ * sum;
+    if (jacobians) {
+      if (jacobians[0]) {
+        Eigen::Map<Vec3>{jacobians[0]} = weight_ * Vec3(sum_.x(), sum_.y(), -static_cast<double>(slopes_.size()));
+      }
+      for (std::size_t k = 0; k < slopes_.size(); ++k) {
+        if (jacobians[k + 1]) Eigen::Map<Vec3>{jacobians[k + 1]} = weight_ * Vec3(-slopes_[k].x(), -slopes_[k].y(), 1);
+      }
+    }
+    return true;
+  }
+
+ private:
+  std::vector<Vec2> slopes_;
+  Vec2 sum_ = Vec2::Zero();
+  double weight_;
+};
+
+/// E_bar [paper eq. 10, 11]: nothing above the floor, -log(1 + height above it) below; from half a unit below on along the
+/// tangent, so that it has a value wherever a step lands.
+class BarrierCost : public ceres::SizedCostFunction<1, 3> {
+ public:
+  BarrierCost(double floor_mm, double unit_mm, double weight) : floor_(floor_mm), unit_(unit_mm), weight_(weight) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const double above = (parameters[0][2] - floor_) / unit_;
+    double value = 0;
+    double slope = 0;
+    if (above < -0.5) {
+      slope = -2;
+      value = std::log(2.0) - 2 * (above + 0.5);
+    } else if (above < 0) {
+      slope = -1 / (1 + above);
+      value = -std::log1p(above);
+    }
+    residuals[0] = weight_ * value;
+    if (jacobians && jacobians[0]) Eigen::Map<Vec3>{jacobians[0]} = Vec3(0, 0, weight_ * slope / unit_);
+    return true;
+  }
+
+ private:
+  double floor_;
+  double unit_;
+  double weight_;
+};
+
+/// Reports every step, and ends the minimisation when the user wants to stop.
+class StopCallback : public ceres::IterationCallback {
+ public:
+  StopCallback(const Monitor& monitor, int iterations) : monitor_(monitor), iterations_(std::max(1, iterations)) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
+    if (monitor_.on_progress) {
+      monitor_.on_progress("integrating normals", std::min(1.0, static_cast<double>(summary.iteration) / iterations_));
+    }
+    stopped = monitor_.should_stop && monitor_.should_stop();
+    return stopped ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+  }
+  bool stopped = false;
+
+ private:
+  const Monitor& monitor_;
+  int iterations_;
+};
+
+}  // namespace
+
+MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vector<Vec3>& positions, const Monitor& monitor) {
+  const int count = static_cast<int>(positions.size());
+  const double per_length = 1 / energy.edge_mm;
+  const double integration = std::sqrt(energy.weights.integration) / energy.slope_scale;
+  const double direction = std::sqrt(energy.weights.direction) * per_length;
+  const double flux = std::sqrt(energy.weights.flux);
+  const double smoothness = std::sqrt(energy.weights.smoothness) * per_length;
+  const double barrier = std::sqrt(energy.weights.barrier);
+
+  ceres::Problem::Options problem_options;
+  problem_options.enable_fast_removal = false;
+  problem_options.disable_all_safety_checks = true;
+  ceres::Problem problem(problem_options);
+  for (int v = 0; v < count; ++v) {
+    problem.AddParameterBlock(positions[v].data(), 3);
+    switch (energy.freedom[v]) {
+      case Freedom::kHeight:
+        problem.SetManifold(positions[v].data(), new ceres::SubsetManifold(3, {0, 1}));
+        break;
+      case Freedom::kHeightAndX:
+        problem.SetManifold(positions[v].data(), new ceres::SubsetManifold(3, {1}));
+        break;
+      case Freedom::kHeightAndY:
+        problem.SetManifold(positions[v].data(), new ceres::SubsetManifold(3, {0}));
+        break;
+      case Freedom::kAll:
+        break;
+    }
+  }
+  std::vector<double*> blocks;
+  for (int v = 0; v < count; ++v) {
+    const OneRing& ring = energy.rings[v];
+    const int neighbours = static_cast<int>(ring.neighbours.size());
+    blocks.assign(1, positions[v].data());
+    for (int n : ring.neighbours) blocks.push_back(positions[n].data());
+    problem.AddResidualBlock(new NormalCost(energy.target_normals[v], neighbours, ring.closed, integration), nullptr, blocks);
+    if (smoothness > 0) {
+      std::vector<Vec2> mean_slopes;
+      for (int n : ring.neighbours) mean_slopes.push_back((energy.target_slopes[v] + energy.target_slopes[n]) / 2);
+      problem.AddResidualBlock(new HeightSmoothnessCost(std::move(mean_slopes), smoothness), nullptr, blocks);
+      // On the border only the neighbours along the border count: the others would pull the outline inwards.
+      if (energy.freedom[v] != Freedom::kHeight) {
+        if (!ring.closed) blocks = {blocks[0], positions[ring.neighbours.front()].data(), positions[ring.neighbours.back()].data()};
+        Vec2 rest = Vec2::Zero();  // of the start mesh: it is at rest
+        for (std::size_t k = 0; k < ring.neighbours.size(); ++k) {
+          if (!ring.closed && k != 0 && k + 1 != ring.neighbours.size()) continue;
+          rest += energy.entry_mm[ring.neighbours[k]] - energy.entry_mm[v];
+        }
+        problem.AddResidualBlock(new PlanarSmoothnessCost(static_cast<int>(blocks.size()) - 1, rest, smoothness), nullptr, blocks);
+      }
+    }
+    if (direction > 0 && energy.freedom[v] != Freedom::kHeight) {
+      problem.AddResidualBlock(new DirectionCost(energy.entry_mm[v], direction), nullptr, positions[v].data());
+    }
+    if (barrier > 0) {
+      problem.AddResidualBlock(new BarrierCost(energy.floor_mm, energy.edge_mm, barrier), nullptr, positions[v].data());
+    }
+  }
+  if (flux > 0) {
+    double mean_area = 0;
+    std::vector<double> areas;
+    for (const auto& t : energy.triangles) {
+      const Vec2 ab = energy.entry_mm[t[1]] - energy.entry_mm[t[0]];
+      const Vec2 ac = energy.entry_mm[t[2]] - energy.entry_mm[t[0]];
+      areas.push_back((ab.x() * ac.y() - ab.y() * ac.x()) / 2);
+      mean_area += areas.back() / static_cast<double>(energy.triangles.size());
+    }
+    for (std::size_t t = 0; t < energy.triangles.size(); ++t) {
+      const auto& corners = energy.triangles[t];
+      bool moves = false;
+      for (int corner : corners) moves |= energy.freedom[corner] != Freedom::kHeight;
+      if (!moves) continue;
+      problem.AddResidualBlock(new FluxCost(areas[t], flux / mean_area), nullptr, positions[corners[0]].data(),
+                               positions[corners[1]].data(), positions[corners[2]].data());
+    }
+  }
+
+  ceres::Solver::Options options;
+  options.minimizer_type = ceres::TRUST_REGION;
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  options.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
+  options.num_threads = thread_count();
+  options.max_num_iterations = iterations;
+  // Heights of the lens's own size are soft against the heights of single vertices: a small trust region would hold them.
+  options.initial_trust_region_radius = 1e10;
+  options.function_tolerance = 1e-7;
+  options.gradient_tolerance = 1e-16;
+  options.parameter_tolerance = 1e-14;
+  options.logging_type = ceres::SILENT;
+  StopCallback stop(monitor, iterations);
+  options.callbacks.push_back(&stop);
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  if (stop.stopped) throw Stopped();
+  if (!summary.IsSolutionUsable()) throw NumericalError("surface: Ceres found no solution: " + summary.message);
+  if (std::getenv("LM_DEBUG")) fprintf(stderr, "%s\n", summary.FullReport().c_str());
+  return {summary.initial_cost, summary.final_cost, static_cast<int>(summary.iterations.size()) - 1, summary.message};
+}
+
+}  // namespace lightmill::detail

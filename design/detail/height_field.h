@@ -1,0 +1,33 @@
+// Heights whose slopes come as close as they can to wanted slopes, by least squares over the edges of a mesh.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "design/core/geometry.h"
+
+namespace lightmill::detail {
+
+/// The height difference over every edge shall be the mean of its ends' slopes times the edge (trapezoidal rule: third order
+/// in the edge's length, and no oscillation escapes it). The matrix depends on the mesh only and is factorised once.
+class HeightIntegrator {
+ public:
+  HeightIntegrator(int vertex_count, const std::vector<std::array<int, 3>>& triangles);
+  ~HeightIntegrator();
+  HeightIntegrator(const HeightIntegrator&) = delete;
+  HeightIntegrator& operator=(const HeightIntegrator&) = delete;
+
+  /// Heights of vertices at `xy` for `slopes` (dz/dx, dz/dy); the lowest is 0. Throws NumericalError when the solver fails.
+  [[nodiscard]] std::vector<double> integrate(const std::vector<Vec2>& xy, const std::vector<Vec2>& slopes) const;
+
+  [[nodiscard]] const std::vector<std::array<int, 2>>& edges() const { return edges_; }
+
+ private:
+  struct Factor;
+  int vertex_count_;
+  std::vector<std::array<int, 2>> edges_;
+  std::unique_ptr<Factor> factor_;
+};
+
+}  // namespace lightmill::detail
