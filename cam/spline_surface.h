@@ -51,11 +51,12 @@ class SplineSurface {
   Grid<double> coefficients_;
 };
 
-/// How well a spline follows the mesh, off the creases and over all.
+/// How well a spline follows the mesh, off the creases and over all. A vertex counts as crease when the mesh's slopes
+/// jump by more than about 0.16 at it or at most two edges away (slopes within two edges off a quadratic by 0.04).
 struct SplineFitSummary {
   double rms_deviation_um = 0;           ///< of vertex heights, away from creases
   double max_deviation_um = 0;           ///< everywhere
-  double rms_normal_deviation_urad = 0;  ///< away from creases
+  double rms_normal_deviation_urad = 0;  ///< against vertex normals, away from creases and off the mesh's border
   double crease_share = 0;               ///< share of vertices counted as crease
   double seconds = 0;
 };
@@ -65,7 +66,9 @@ struct SplineFit {
   SplineFitSummary summary;
 };
 
-/// Least squares on vertex heights and normals with one span per mesh edge length.
+/// Least squares on vertex heights and normals with one span per mesh edge length; the mesh's vertices may lie
+/// anywhere. Coefficients that no vertex reaches go on as smoothly as a thin plate. Throws InputError for a mesh that
+/// is no height field, NumericalError when the equations cannot be solved.
 SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const Monitor& monitor = {});
 
 // Evaluation is what every tool path and check spends its time on: it lives here to be inlined.

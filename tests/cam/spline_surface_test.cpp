@@ -133,5 +133,131 @@ TEST(SplineSurface, RefusesWrongSizes) {
   EXPECT_THROW(SplineSurface(kExtent, 0, 4, Grid<double>(3, 7)), InputError);
 }
 
+/// A mesh of about square cells over `extent` whose inner vertices have slid off the grid by up to `slide` edges.
+template <typename F>
+SurfaceMesh slid_mesh(const Box2& extent, int cells_x, double slide, F height) {
+  const double edge = extent.size().x() / cells_x;
+  const int cells_y = static_cast<int>(std::lround(extent.size().y() / edge));
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> phase(0, 6);
+  const double p = phase(random), q = phase(random);
+  SurfaceMesh mesh;
+  for (int j = 0; j <= cells_y; ++j) {
+    for (int i = 0; i <= cells_x; ++i) {
+      double x = extent.min.x() + extent.size().x() * i / cells_x;
+      double y = extent.min.y() + extent.size().y() * j / cells_y;
+      const double dx = slide * edge * std::sin(0.9 * x + 0.3 * y + p);
+      const double dy = slide * edge * std::cos(0.7 * y - 0.5 * x + q);
+      if (i > 0 && i < cells_x) x += dx;
+      if (j > 0 && j < cells_y) y += dy;
+      mesh.vertices.emplace_back(x, y, height(x, y));
+    }
+  }
+  const int row = cells_x + 1;
+  for (int j = 0; j < cells_y; ++j) {
+    for (int i = 0; i < cells_x; ++i) {
+      const int a = j * row + i;
+      mesh.triangles.push_back({a, a + 1, a + row + 1});
+      mesh.triangles.push_back({a, a + row + 1, a + row});
+    }
+  }
+  mesh.normals = angle_weighted_normals(mesh.vertices, mesh.triangles);
+  return mesh;
+}
+
+/// Largest distance of the fit from the truth, um, on a scan that knows nothing of the mesh.
+template <typename F>
+double worst_um(const SplineSurface& surface, F truth, double skip_mm = 0) {
+  double worst = 0;
+  const Box2& e = surface.extent();
+  for (double x = e.min.x() + skip_mm; x <= e.max.x() - skip_mm; x += 0.173) {
+    for (double y = e.min.y() + skip_mm; y <= e.max.y() - skip_mm; y += 0.147) {
+      worst = std::max(worst, 1e3 * std::abs(surface.height(x, y) - truth(x, y)));
+    }
+  }
+  return worst;
+}
+
+// 0.3125 mm edges, as a 321 mesh on 100 mm has.
+const Box2 kPatch{{-8, 3}, {17, 18}};
+constexpr int kPatchCells = 80;
+
+TEST(FitSpline, FollowsASphereFromASlidMesh) {
+  const auto cap = [](double x, double y) { return std::sqrt(150.0 * 150 - x * x - y * y) - 130; };
+  const SplineFit fit = fit_spline(slid_mesh(kPatch, kPatchCells, 0.4, cap), kPatch);
+  EXPECT_EQ(fit.surface.spans_x(), 80);
+  EXPECT_EQ(fit.surface.spans_y(), 48);
+  EXPECT_LT(fit.summary.rms_deviation_um, 0.01);
+  EXPECT_LT(fit.summary.rms_normal_deviation_urad, 50);
+  EXPECT_EQ(fit.summary.crease_share, 0);
+  EXPECT_LT(worst_um(fit.surface, cap), 0.05);
+}
+
+TEST(FitSpline, FollowsWavesOfTenEdges) {
+  const auto waves = [](double x, double y) {
+    return 12 + 0.05 * std::sin(2 * x) * std::cos(1.7 * y) + 0.4 * std::sin(0.3 * x + 0.2 * y);
+  };
+  const SplineFit fit = fit_spline(slid_mesh(kPatch, kPatchCells, 0.4, waves), kPatch);
+  EXPECT_LT(fit.summary.rms_deviation_um, 0.25);
+  EXPECT_LT(fit.summary.crease_share, 0.05);
+  EXPECT_LT(worst_um(fit.surface, waves), 1.2);
+}
+
+TEST(FitSpline, ReproducesAPlaneExactly) {
+  const auto plane = [](double x, double y) { return 10 + 0.2 * x - 0.1 * y; };
+  const SplineFit fit = fit_spline(slid_mesh(kPatch, 20, 0.4, plane), kPatch);
+  EXPECT_LT(worst_um(fit.surface, plane), 1e-6);
+  EXPECT_LT(fit.summary.rms_normal_deviation_urad, 1e-3);
+}
+
+TEST(FitSpline, RingsLittleBesideACrease) {
+  constexpr double kJump = 0.3;
+  const double cos = std::cos(0.31), sin = std::sin(0.31);
+  const auto across = [&](double x, double y) { return cos * (x - 4.05) + sin * (y - 10); };
+  const auto valley = [&](double x, double y) { return 12 + kJump / 2 * std::abs(across(x, y)); };
+  const SplineFit fit = fit_spline(slid_mesh(kPatch, kPatchCells, 0.3, valley), kPatch);
+  EXPECT_GT(fit.summary.crease_share, 0.02);
+  EXPECT_LT(fit.summary.crease_share, 0.15);
+  EXPECT_LT(fit.summary.rms_deviation_um, 0.1);
+  const double edge = kPatch.size().x() / kPatchCells;
+  for (double x = kPatch.min.x(); x <= kPatch.max.x(); x += 0.0719) {
+    for (double y = kPatch.min.y(); y <= kPatch.max.y(); y += 0.0713) {
+      const double d = std::abs(across(x, y)) / edge;
+      const double deviation_um = 1e3 * (fit.surface.height(x, y) - valley(x, y));
+      // The valley is filled where a C2 surface must fill it, and hardly undercut (8 um are 1 / 6 of what
+      // the crease rises over one edge).
+      const double in = std::min({x - kPatch.min.x(), kPatch.max.x() - x, y - kPatch.min.y(), kPatch.max.y() - y});
+      const bool at_border = in < 2 * edge;  // where a crease leaves the lens, its end is less sure
+      EXPECT_GT(deviation_um, at_border ? -15 : -8);
+      EXPECT_LT(std::abs(deviation_um), d > 4 ? (at_border ? 1.0 : 0.4) : d > 1.5 ? (at_border ? 8.0 : 2.5) : 23.0);
+    }
+  }
+}
+
+TEST(FitSpline, GoesOnSmoothlyWhereTheMeshDoesNotReach) {
+  // The mesh of a free outline covers a part of the rectangle only.
+  const auto cap = [](double x, double y) { return std::sqrt(150.0 * 150 - x * x - y * y) - 130; };
+  SurfaceMesh mesh = slid_mesh(Box2{{-4, -4}, {4, 4}}, 32, 0.3, cap);
+  const SplineFit fit = fit_spline(mesh, Box2{{-5, -6}, {7, 5}});
+  EXPECT_LT(fit.summary.max_deviation_um, 0.5);
+  EXPECT_LT(worst_um(fit.surface, cap), 100);  // curvature 1/150 not continued over 3 mm: 30 um
+}
+
+TEST(FitSpline, RefusesWhatIsNoHeightField) {
+  const auto plane = [](double, double) { return 10.0; };
+  SurfaceMesh mesh = slid_mesh(kPatch, 10, 0, plane);
+  mesh.normals[5] = Vec3(1, 0, 0);
+  EXPECT_THROW(fit_spline(mesh, kPatch), InputError);
+  mesh.normals.clear();
+  EXPECT_THROW(fit_spline(mesh, kPatch), InputError);
+  EXPECT_THROW(fit_spline(SurfaceMesh{}, kPatch), InputError);
+}
+
+TEST(FitSpline, StopsWhenAsked) {
+  Monitor monitor;
+  monitor.should_stop = [] { return true; };
+  EXPECT_THROW(fit_spline(slid_mesh(kPatch, 10, 0, [](double, double) { return 1.0; }), kPatch, monitor), Stopped);
+}
+
 }  // namespace
 }  // namespace lightmill
