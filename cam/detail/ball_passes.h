@@ -1,0 +1,64 @@
+// Where the passes of a ball cutter go: centre paths in planes of constant y, spaced by the cusp they leave.
+#pragma once
+
+#include <vector>
+
+#include "cam/detail/ball_contact.h"
+#include "design/core/monitor.h"
+
+namespace lightmill::detail {
+
+/// A vertex of a centre path.
+struct PathPoint {
+  double x = 0;
+  double z = 0;          ///< of the ball's centre
+  double slope = 0;      ///< dz/dx of the exact centre path
+  Vec2 contact = Vec2::Zero();
+};
+
+/// The way of a ball's centre along +X in the plane y, as the polyline that will be milled.
+struct CentrePath {
+  double y = 0;
+  bool infill = false;   ///< a piece between two passes: it lands on and leaves the surface
+  std::vector<PathPoint> points;
+};
+
+struct PathTolerance {
+  double chord_mm = 5e-5;
+  double longest_mm = 0.2;
+  double slope = 2e-3;        ///< between a chord and the exact path at its ends
+  double shortest_mm = 0.01;  ///< at a kink (the ball changes flanks in a crease): the chord is above the path there
+};
+
+/// Vertices are exact; between them the chord stays within the tolerance.
+CentrePath centre_path(const BallContact& ball, double y, double from_x, double to_x, const PathTolerance& tolerance);
+
+struct SpacingOptions {
+  double cutting_radius_mm = 2;   ///< R of the cutter; `ball` has R + allowance
+  double cusp_mm = 1.3e-3;        ///< highest cusp on the reachable surface, along its normal
+  double from_x = 0, to_x = 0;    ///< of every full pass
+  double from_y = 0, to_y = 0;    ///< first and last pass
+  PathTolerance tolerance;
+};
+
+struct SpacedPasses {
+  std::vector<CentrePath> paths;    ///< y growing; infill between the passes it belongs to
+  double widest_mm = 0;             ///< distance between neighbouring full passes
+  double highest_cusp_mm = 0;       ///< expected on the reachable surface
+  double above_limit_mm2 = 0;       ///< reachable area where it is above the limit
+  long infill_pieces = 0;
+};
+
+/// A march in y: each pass as far from the one before as the cusp allows at the lowest cost; where a short stretch alone
+/// asks for closer passes it gets infill pieces instead. The cusp at a surface point is its distance to the nearest of
+/// the two polylines less R. Points that no ball can reach (closing above the surface by 0.1 um) ask for nothing.
+SpacedPasses space_passes(const BallContact& ball, const SpacingOptions& options, const Monitor& monitor);
+
+/// Stepover on a plane along the passes, from the cusp: s = 2 sqrt(h (2 R - h)).
+double flat_stepover_mm(double radius_mm, double cusp_mm);
+
+/// How far the nearest ball of the dilation stays from surface point q: the closing above the surface, along the normal.
+/// Stops early once below `enough_mm`. The search starts at the centre `start` with steps of `step_mm`.
+double closing_gap_mm(const BallContact& ball, const Vec3& q, const Vec2& start, double step_mm, double enough_mm);
+
+}  // namespace lightmill::detail
