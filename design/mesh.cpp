@@ -1,5 +1,6 @@
 #include "design/mesh.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cctype>

@@ -1,6 +1,7 @@
 #include "design/surface.h"
 
 #include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -22,7 +23,7 @@ using detail::Freedom;
 using detail::HeightIntegrator;
 using detail::OneRing;
 
-constexpr int kFirstGuessTurns = 60;          // of Fresnel mapping and integration; each gains about a digit
+constexpr int kFirstGuessTurns = 60;           // of Fresnel mapping and integration; each gains about a digit
 constexpr double kFirstGuessTolerance = 1e-9;  // mm
 constexpr int kStepsPerTurn = 3;               // of Levenberg-Marquardt: the target normals move on between turns
 
@@ -42,7 +43,8 @@ SurfaceMesh grid_mesh(const Lens& lens, int longer) {
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
       const int a = node(i, j), b = node(i + 1, j), c = node(i + 1, j + 1), d = node(i, j + 1);
-      // Alternating diagonals: no direction is favoured, and rings are symmetric, so that their normals are second order.
+      // Alternating diagonals: no direction is favoured, and rings are symmetric, so that their normals are second
+      // order.
       if ((i + j) % 2 == 0) {
         mesh.triangles.push_back({a, b, c});
         mesh.triangles.push_back({a, c, d});
@@ -74,7 +76,8 @@ SurfaceMesh disk_mesh(const Lens& lens, int longer) {
         const int outer = sextant * ring + i;
         const int inner = sextant * (ring - 1) + i;
         mesh.triangles.push_back({node(ring - 1, inner), node(ring, outer), node(ring, outer + 1)});
-        if (i + 1 < ring) mesh.triangles.push_back({node(ring - 1, inner), node(ring, outer + 1), node(ring - 1, inner + 1)});
+        if (i + 1 < ring)
+          mesh.triangles.push_back({node(ring - 1, inner), node(ring, outer + 1), node(ring - 1, inner + 1)});
       }
     }
   }
@@ -99,7 +102,8 @@ SurfaceMesh start_mesh(const Lens& lens, int vertices_along_longer_side) {
   return mesh;
 }
 
-std::vector<Vec2> interpolate_map(const TransportMap& map, const SourceLight& source, const std::vector<Vec2>& points_mm) {
+std::vector<Vec2> interpolate_map(const TransportMap& map, const SourceLight& source,
+                                  const std::vector<Vec2>& points_mm) {
   std::vector<Vec2> sites;
   std::vector<Vec2> targets;
   std::vector<double> cell_mm;  // side of a square with the cell's area
@@ -114,8 +118,9 @@ std::vector<Vec2> interpolate_map(const TransportMap& map, const SourceLight& so
   }
   if (sites.size() < 3) throw InputError("surface: a transport map of fewer than three cells cannot be interpolated");
 
-  // Centroids of border cells lie half a cell inside the border. Each is mirrored in the border, and its target is carried on
-  // as it runs towards the border: by the smaller of two steps inside, so that a crease near the border is not carried on.
+  // Centroids of border cells lie half a cell inside the border. Each is mirrored in the border, and its target is
+  // carried on as it runs towards the border: by the smaller of two steps inside, so that a crease near the border is
+  // not carried on.
   struct Mirror {
     int site;
     Vec2 outwards;  // from the centroid to its mirror image, along one side
@@ -166,7 +171,8 @@ std::vector<Vec2> interpolate_map(const TransportMap& map, const SourceLight& so
 
 namespace {
 
-/// Which way a vertex may go: inside everywhere, on a straight side along it, at corners and on a round outline only up.
+/// Which way a vertex may go: inside everywhere, on a straight side along it, at corners and on a round outline only
+/// up.
 std::vector<Freedom> freedoms(const Lens& lens, const std::vector<OneRing>& rings, const std::vector<Vec2>& entry) {
   std::vector<Freedom> result(rings.size(), Freedom::kAll);
   for (std::size_t v = 0; v < rings.size(); ++v) {
@@ -181,8 +187,8 @@ std::vector<Freedom> freedoms(const Lens& lens, const std::vector<OneRing>& ring
   return result;
 }
 
-/// What the one-sided, angle-weighted normal of a border vertex shall be: the same mean of its triangles' wanted normals.
-/// Inside, rings surround their vertex, and its own normal is wanted.
+/// What the one-sided, angle-weighted normal of a border vertex shall be: the same mean of its triangles' wanted
+/// normals. Inside, rings surround their vertex, and its own normal is wanted.
 std::vector<Vec3> ring_targets(const std::vector<Vec3>& wanted, const std::vector<Vec3>& positions,
                                const std::vector<OneRing>& rings) {
   std::vector<Vec3> result = wanted;
@@ -207,6 +213,31 @@ void put_on_floor(std::vector<Vec3>& positions, double floor_mm) {
   double lowest = positions.front().z();
   for (const Vec3& p : positions) lowest = std::min(lowest, p.z());
   for (Vec3& p : positions) p.z() += floor_mm - lowest;
+}
+
+/// Vertices slide where it pays: where the heights alone leave a normal so wrong that sliding by kWorthwhile of an edge
+/// would cost less, and kRings rings around. Elsewhere the light would gain nothing, and the equations are three times
+/// larger.
+std::vector<Freedom> near_creases(const CompoundEnergy& energy, const std::vector<Vec3>& positions,
+                                  const std::vector<Freedom>& most_freedom) {
+  constexpr double kWorthwhile = 0.1;
+  constexpr int kRings = 2;
+  const double least =
+      std::sqrt(energy.weights.direction / energy.weights.integration) * kWorthwhile * energy.slope_scale;
+  const std::vector<Vec3> normals = angle_weighted_normals(positions, energy.triangles);
+  std::vector<char> near(positions.size(), 0);
+  for (std::size_t v = 0; v < positions.size(); ++v) near[v] = (normals[v] - energy.target_normals[v]).norm() > least;
+  for (int ring = 0; ring < kRings; ++ring) {
+    const std::vector<char> core = near;
+    for (std::size_t v = 0; v < positions.size(); ++v) {
+      for (int n : energy.rings[v].neighbours) near[v] |= core[n];
+    }
+  }
+  std::vector<Freedom> result(positions.size(), Freedom::kHeight);
+  for (std::size_t v = 0; v < positions.size(); ++v) {
+    if (near[v]) result[v] = most_freedom[v];
+  }
+  return result;
 }
 
 double signed_area(const std::vector<Vec3>& p, const std::array<int, 3>& t) {
@@ -238,14 +269,15 @@ int hold_back(const std::vector<std::array<int, 3>>& triangles, const std::vecto
   return static_cast<int>(std::count(held.begin(), held.end(), 1));
 }
 
-/// Normals to trace and mill by: angle-weighted inside; on the border, where that is one-sided, the normal of the parabola
-/// that fits the vertices around best.
+/// Normals to trace and mill by: angle-weighted inside; on the border, where that is one-sided, the normal of the
+/// parabola that fits the vertices around best.
 std::vector<Vec3> surface_normals(const SurfaceMesh& mesh, const std::vector<OneRing>& rings) {
   std::vector<Vec3> normals = angle_weighted_normals(mesh.vertices, mesh.triangles);
   for (std::size_t v = 0; v < rings.size(); ++v) {
     if (rings[v].closed) continue;
     std::vector<int> around = rings[v].neighbours;
-    for (int n : rings[v].neighbours) around.insert(around.end(), rings[n].neighbours.begin(), rings[n].neighbours.end());
+    for (int n : rings[v].neighbours)
+      around.insert(around.end(), rings[n].neighbours.begin(), rings[n].neighbours.end());
     std::sort(around.begin(), around.end());
     around.erase(std::unique(around.begin(), around.end()), around.end());
     std::erase(around, static_cast<int>(v));
@@ -265,8 +297,10 @@ std::vector<Vec3> surface_normals(const SurfaceMesh& mesh, const std::vector<One
   return normals;
 }
 
-/// 99.9th percentile of the concave curvature along the edges off the border, as a radius; infinite for a convex surface.
-double concave_radius(const SurfaceMesh& mesh, const std::vector<std::array<int, 2>>& edges, const std::vector<OneRing>& rings) {
+/// 99.9th percentile of the concave curvature along the edges off the border, as a radius; infinite for a convex
+/// surface.
+double concave_radius(const SurfaceMesh& mesh, const std::vector<std::array<int, 2>>& edges,
+                      const std::vector<OneRing>& rings) {
   std::vector<double> curvatures;
   for (const auto& [i, j] : edges) {
     if (!rings[i].closed || !rings[j].closed) continue;
@@ -302,7 +336,8 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
   std::vector<Vec3>& positions = surface.mesh.vertices;
   const std::size_t count = positions.size();
   if (targets_mm.size() != count) {
-    throw InputError("surface: " + std::to_string(targets_mm.size()) + " target points for " + std::to_string(count) + " vertices");
+    throw InputError("surface: " + std::to_string(targets_mm.size()) + " target points for " + std::to_string(count) +
+                     " vertices");
   }
   surface.targets_mm = targets_mm;
   for (const Vec3& p : positions) surface.entry_mm.emplace_back(p.head<2>());
@@ -327,7 +362,8 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
 
   // The paper's energy in all three coordinates, and Fresnel mapping again, in turn.
   const std::vector<OneRing> rings = detail::one_rings(static_cast<int>(count), surface.mesh.triangles);
-  const std::vector<Freedom> freedom = freedoms(lens, rings, surface.entry_mm);
+  const std::vector<Freedom> most_freedom = freedoms(lens, rings, surface.entry_mm);
+  std::vector<Freedom> freedom(count, Freedom::kHeight);
   double edge_sum = 0;
   for (const auto& [i, j] : integrator.edges()) edge_sum += (surface.entry_mm[j] - surface.entry_mm[i]).norm();
   CompoundEnergy energy{surface.mesh.triangles, rings, surface.entry_mm, freedom, {}, {}, options.weights};
@@ -341,10 +377,17 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
 
   summary.reason = "outer iterations used up";
   for (int turn = 0; turn < options.outer_iterations; ++turn) {
-    const Monitor part = monitor.part(0.1 + 0.9 * turn / options.outer_iterations, 0.1 + 0.9 * (turn + 1) / options.outer_iterations);
+    const Monitor part =
+        monitor.part(0.1 + 0.9 * turn / options.outer_iterations, 0.1 + 0.9 * (turn + 1) / options.outer_iterations);
     const std::vector<Vec3> wanted = detail::fresnel_normals(positions, targets_mm, lens, receiver);
     energy.target_normals = ring_targets(wanted, positions, rings);
     energy.target_slopes = detail::slopes_of(wanted);
+    if (turn > 0) {
+      freedom = near_creases(energy, positions, most_freedom);
+      if (std::getenv("LM_DEBUG"))
+        fprintf(stderr, "free %ld of %ld\n", count - std::count(freedom.begin(), freedom.end(), Freedom::kHeight),
+                count);
+    }
     const std::vector<Vec3> before = positions;
     const detail::MinimiserReport report = detail::minimise(energy, kStepsPerTurn, positions, part);
     hold_back(surface.mesh.triangles, before, least_area, positions);
@@ -353,7 +396,8 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
     ++summary.outer_iterations;
     summary.final_height_change_mm = 0;
     for (std::size_t v = 0; v < count; ++v) {
-      summary.final_height_change_mm = std::max(summary.final_height_change_mm, std::abs(positions[v].z() - before[v].z()));
+      summary.final_height_change_mm =
+          std::max(summary.final_height_change_mm, std::abs(positions[v].z() - before[v].z()));
     }
     if (summary.final_height_change_mm <= options.height_tolerance_mm) {
       summary.reason = "heights at rest";

@@ -24,7 +24,8 @@ using RowMatrix3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 }  // namespace
 
-Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed, std::vector<Eigen::Matrix3d>* jacobians) {
+Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed,
+                 std::vector<Eigen::Matrix3d>* jacobians) {
   const int count = static_cast<int>(ring.size());
   const int triangle_count = closed ? count : count - 1;
   Vec3 sum = Vec3::Zero();
@@ -169,11 +170,12 @@ class PlanarSmoothnessCost : public ceres::CostFunction {
   double weight_;
 };
 
-/// E_reg along z: the Laplacian of the heights, less what the wanted slopes ask it to be (trapezoidal rule). A smooth lens,
-/// however strongly curved, costs nothing; what no vertex normal can see (a checkerboard of heights) does.
+/// E_reg along z: the Laplacian of the heights, less what the wanted slopes ask it to be (trapezoidal rule). A smooth
+/// lens, however strongly curved, costs nothing; what no vertex normal can see (a checkerboard of heights) does.
 class HeightSmoothnessCost : public ceres::CostFunction {
  public:
-  HeightSmoothnessCost(std::vector<Vec2> mean_slopes, double weight) : slopes_(std::move(mean_slopes)), weight_(weight) {
+  HeightSmoothnessCost(std::vector<Vec2> mean_slopes, double weight)
+      : slopes_(std::move(mean_slopes)), weight_(weight) {
     set_num_residuals(1);
     mutable_parameter_block_sizes()->assign(slopes_.size() + 1, 3);
     for (const Vec2& s : slopes_) sum_ += s;
@@ -204,8 +206,8 @@ class HeightSmoothnessCost : public ceres::CostFunction {
   double weight_;
 };
 
-/// E_bar [paper eq. 10, 11]: nothing above the floor, -log(1 + height above it) below; from half a unit below on along the
-/// tangent, so that it has a value wherever a step lands.
+/// E_bar [paper eq. 10, 11]: nothing above the floor, -log(1 + height above it) below; from half a unit below on along
+/// the tangent, so that it has a value wherever a step lands.
 class BarrierCost : public ceres::SizedCostFunction<1, 3> {
  public:
   BarrierCost(double floor_mm, double unit_mm, double weight) : floor_(floor_mm), unit_(unit_mm), weight_(weight) {}
@@ -252,7 +254,8 @@ class StopCallback : public ceres::IterationCallback {
 
 }  // namespace
 
-MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vector<Vec3>& positions, const Monitor& monitor) {
+MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vector<Vec3>& positions,
+                         const Monitor& monitor) {
   const int count = static_cast<int>(positions.size());
   const double per_length = 1 / energy.edge_mm;
   const double integration = std::sqrt(energy.weights.integration) / energy.slope_scale;
@@ -287,20 +290,23 @@ MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vect
     const int neighbours = static_cast<int>(ring.neighbours.size());
     blocks.assign(1, positions[v].data());
     for (int n : ring.neighbours) blocks.push_back(positions[n].data());
-    problem.AddResidualBlock(new NormalCost(energy.target_normals[v], neighbours, ring.closed, integration), nullptr, blocks);
+    problem.AddResidualBlock(new NormalCost(energy.target_normals[v], neighbours, ring.closed, integration), nullptr,
+                             blocks);
     if (smoothness > 0) {
       std::vector<Vec2> mean_slopes;
       for (int n : ring.neighbours) mean_slopes.push_back((energy.target_slopes[v] + energy.target_slopes[n]) / 2);
       problem.AddResidualBlock(new HeightSmoothnessCost(std::move(mean_slopes), smoothness), nullptr, blocks);
       // On the border only the neighbours along the border count: the others would pull the outline inwards.
       if (energy.freedom[v] != Freedom::kHeight) {
-        if (!ring.closed) blocks = {blocks[0], positions[ring.neighbours.front()].data(), positions[ring.neighbours.back()].data()};
+        if (!ring.closed)
+          blocks = {blocks[0], positions[ring.neighbours.front()].data(), positions[ring.neighbours.back()].data()};
         Vec2 rest = Vec2::Zero();  // of the start mesh: it is at rest
         for (std::size_t k = 0; k < ring.neighbours.size(); ++k) {
           if (!ring.closed && k != 0 && k + 1 != ring.neighbours.size()) continue;
           rest += energy.entry_mm[ring.neighbours[k]] - energy.entry_mm[v];
         }
-        problem.AddResidualBlock(new PlanarSmoothnessCost(static_cast<int>(blocks.size()) - 1, rest, smoothness), nullptr, blocks);
+        problem.AddResidualBlock(new PlanarSmoothnessCost(static_cast<int>(blocks.size()) - 1, rest, smoothness),
+                                 nullptr, blocks);
       }
     }
     if (direction > 0 && energy.freedom[v] != Freedom::kHeight) {
@@ -335,7 +341,8 @@ MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vect
   options.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
   options.num_threads = thread_count();
   options.max_num_iterations = iterations;
-  // Heights of the lens's own size are soft against the heights of single vertices: a small trust region would hold them.
+  // Heights of the lens's own size are soft against the heights of single vertices: a small trust region would hold
+  // them.
   options.initial_trust_region_radius = 1e10;
   options.function_tolerance = 1e-7;
   options.gradient_tolerance = 1e-16;

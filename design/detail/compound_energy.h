@@ -18,14 +18,14 @@ enum class Freedom : char { kHeight, kHeightAndX, kHeightAndY, kAll };
 struct CompoundEnergy {
   const std::vector<std::array<int, 3>>& triangles;
   const std::vector<OneRing>& rings;
-  const std::vector<Vec2>& entry_mm;           ///< x, y of the ray that each vertex belongs to
+  const std::vector<Vec2>& entry_mm;  ///< x, y of the ray that each vertex belongs to
   const std::vector<Freedom>& freedom;
-  std::vector<Vec3> target_normals;            ///< what the angle-weighted normal of each vertex shall be
-  std::vector<Vec2> target_slopes;             ///< at the vertices themselves
+  std::vector<Vec3> target_normals;  ///< what the angle-weighted normal of each vertex shall be
+  std::vector<Vec2> target_slopes;   ///< at the vertices themselves
   SurfaceWeights weights;
-  double edge_mm = 1;                          ///< mean edge of the start mesh: the unit of lengths
-  double slope_scale = 1;                      ///< the unit of normals: lens size over (n - 1) times distance
-  double floor_mm = 0;                         ///< z of the plane that the surface stays above
+  double edge_mm = 1;      ///< mean edge of the start mesh: the unit of lengths
+  double slope_scale = 1;  ///< the unit of normals: lens size over (n - 1) times distance
+  double floor_mm = 0;     ///< z of the plane that the surface stays above
 };
 
 struct MinimiserReport {
@@ -35,11 +35,15 @@ struct MinimiserReport {
   std::string message;
 };
 
-/// Levenberg-Marquardt from `positions`, at most `iterations` steps. Throws NumericalError when Ceres finds no usable solution.
-MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vector<Vec3>& positions, const Monitor& monitor);
+/// Levenberg-Marquardt from `positions`, at most `iterations` steps. Throws NumericalError when Ceres finds no usable
+/// solution.
+MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vector<Vec3>& positions,
+                         const Monitor& monitor);
 
 /// The angle-weighted normal of a vertex from its own and its ring's positions (in ring order), and its derivatives:
-/// d normal / d ring vertex k is jacobians[k + 1], with respect to the vertex itself jacobians[0]. For tests and the energy.
-Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed, std::vector<Eigen::Matrix3d>* jacobians);
+/// d normal / d ring vertex k is jacobians[k + 1], with respect to the vertex itself jacobians[0]. For tests and the
+/// energy.
+Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed,
+                 std::vector<Eigen::Matrix3d>* jacobians);
 
 }  // namespace lightmill::detail

@@ -7,8 +7,8 @@
 
 namespace lightmill::detail {
 
-std::vector<Vec3> fresnel_normals(const std::vector<Vec3>& positions, const std::vector<Vec2>& targets_mm, const Lens& lens,
-                                  const Receiver& receiver) {
+std::vector<Vec3> fresnel_normals(const std::vector<Vec3>& positions, const std::vector<Vec2>& targets_mm,
+                                  const Lens& lens, const Receiver& receiver) {
   const double receiver_z = lens.thickness_mm + receiver.distance_mm;
   const Indices indices{lens.refractive_index, 1.0};
   std::vector<Vec3> normals(positions.size());

@@ -35,7 +35,8 @@ HeightIntegrator::HeightIntegrator(int vertex_count, const std::vector<std::arra
   Eigen::SparseMatrix<double> laplacian(vertex_count, vertex_count);
   laplacian.setFromTriplets(entries.begin(), entries.end());
   factor_->cholesky.compute(laplacian);
-  if (factor_->cholesky.info() != Eigen::Success) throw NumericalError("surface: the height equations cannot be factorised");
+  if (factor_->cholesky.info() != Eigen::Success)
+    throw NumericalError("surface: the height equations cannot be factorised");
 }
 
 HeightIntegrator::~HeightIntegrator() = default;

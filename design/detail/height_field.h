@@ -9,8 +9,9 @@
 
 namespace lightmill::detail {
 
-/// The height difference over every edge shall be the mean of its ends' slopes times the edge (trapezoidal rule: third order
-/// in the edge's length, and no oscillation escapes it). The matrix depends on the mesh only and is factorised once.
+/// The height difference over every edge shall be the mean of its ends' slopes times the edge (trapezoidal rule: third
+/// order in the edge's length, and no oscillation escapes it). The matrix depends on the mesh only and is factorised
+/// once.
 class HeightIntegrator {
  public:
   HeightIntegrator(int vertex_count, const std::vector<std::array<int, 3>>& triangles);
@@ -18,7 +19,8 @@ class HeightIntegrator {
   HeightIntegrator(const HeightIntegrator&) = delete;
   HeightIntegrator& operator=(const HeightIntegrator&) = delete;
 
-  /// Heights of vertices at `xy` for `slopes` (dz/dx, dz/dy); the lowest is 0. Throws NumericalError when the solver fails.
+  /// Heights of vertices at `xy` for `slopes` (dz/dx, dz/dy); the lowest is 0. Throws NumericalError when the solver
+  /// fails.
   [[nodiscard]] std::vector<double> integrate(const std::vector<Vec2>& xy, const std::vector<Vec2>& slopes) const;
 
   [[nodiscard]] const std::vector<std::array<int, 2>>& edges() const { return edges_; }

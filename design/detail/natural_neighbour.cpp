@@ -34,11 +34,13 @@ std::vector<Vec2> natural_neighbour_interpolation(const std::vector<Vec2>& sites
                                                   const std::vector<Vec2>& queries) {
   std::vector<std::pair<Point, int>> points;
   points.reserve(sites.size());
-  for (std::size_t i = 0; i < sites.size(); ++i) points.emplace_back(Point(sites[i].x(), sites[i].y()), static_cast<int>(i));
+  for (std::size_t i = 0; i < sites.size(); ++i)
+    points.emplace_back(Point(sites[i].x(), sites[i].y()), static_cast<int>(i));
   Triangulation triangulation;
   triangulation.insert(points.begin(), points.end());
   if (triangulation.dimension() != 2) {
-    throw NumericalError("natural neighbour interpolation: the " + std::to_string(sites.size()) + " sites lie on a line");
+    throw NumericalError("natural neighbour interpolation: the " + std::to_string(sites.size()) +
+                         " sites lie on a line");
   }
 
   std::vector<Vec2> result(queries.size());
@@ -50,14 +52,16 @@ std::vector<Vec2> natural_neighbour_interpolation(const std::vector<Vec2>& sites
       near = triangulation.locate(query, near);  // queries come in rows: the walk from the last face is short
       neighbours.clear();
       const bool within =
-          CGAL::natural_neighbor_coordinates_2(triangulation, query, std::back_inserter(neighbours), SiteOf(), near).third;
+          CGAL::natural_neighbor_coordinates_2(triangulation, query, std::back_inserter(neighbours), SiteOf(), near)
+              .third;
       Vec2 sum = Vec2::Zero();
       double weight_sum = 0;
       for (const auto& [site, weight] : neighbours) {
         sum += weight * values[site];
         weight_sum += weight;
       }
-      // A query on a site's doorstep makes circumcentres of nearly collinear points: then the site itself is the answer.
+      // A query on a site's doorstep makes circumcentres of nearly collinear points: then the site itself is the
+      // answer.
       if (within && weight_sum > 0 && std::isfinite(weight_sum) && sum.allFinite()) {
         result[q] = sum / weight_sum;
       } else {

@@ -6,8 +6,8 @@
 
 namespace lightmill::detail {
 
-/// The neighbours of a vertex, counter-clockwise. A border vertex's ring is open: its first and last neighbour are on the
-/// border too, and there is one triangle fewer than neighbours.
+/// The neighbours of a vertex, counter-clockwise. A border vertex's ring is open: its first and last neighbour are on
+/// the border too, and there is one triangle fewer than neighbours.
 struct OneRing {
   std::vector<int> neighbours;
   bool closed = true;

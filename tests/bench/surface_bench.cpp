@@ -1,4 +1,6 @@
-// Benchmarks of the surface stage at full size: surface_bench [point|circle|rings|portrait|letter|heights]... [--mesh N]
+// Benchmarks of the surface stage at full size: surface_bench [point|circle|rings|portrait|letter|heights]... [--mesh
+// N]
+// [--turns N] [--out DIR].
 // Prints one line per figure; pictures go to the folder named by --out, if any.
 #include <sys/resource.h>
 
@@ -19,6 +21,7 @@ namespace {
 
 struct Setting {
   int mesh = 321;
+  int turns = SurfaceOptions{}.outer_iterations;
   std::string out;
 };
 
@@ -69,11 +72,12 @@ double oval_rms_um(const OpticalSurface& surface, const Lens& lens, const Receiv
 }
 
 void print_surface(const char* name, const OpticalSurface& s, double cpu) {
-  std::printf("%s: %d vertices, %.1f s wall, %.1f s CPU, peak %.2f GB, %d turns (%s), last change %.3g um, relief %.3f mm, "
-              "concave radius %.2f mm, %d inverted, energies",
-              name, s.summary.vertices, s.summary.seconds, cpu, peak_gb(), s.summary.outer_iterations,
-              s.summary.reason.c_str(), s.summary.final_height_change_mm * 1000, s.summary.height_range_mm,
-              s.summary.min_concave_radius_mm, s.summary.inverted_triangles);
+  std::printf(
+      "%s: %d vertices, %.1f s wall, %.1f s CPU, peak %.2f GB, %d turns (%s), last change %.3g um, relief %.3f mm, "
+      "concave radius %.2f mm, %d inverted, energies",
+      name, s.summary.vertices, s.summary.seconds, cpu, peak_gb(), s.summary.outer_iterations, s.summary.reason.c_str(),
+      s.summary.final_height_change_mm * 1000, s.summary.height_range_mm, s.summary.min_concave_radius_mm,
+      s.summary.inverted_triangles);
   for (double e : s.summary.energy_history) std::printf(" %.5g", e);
   std::printf("\n");
 }
@@ -85,6 +89,7 @@ void point(const Setting& setting) {
   const double before = cpu_seconds();
   SurfaceOptions options;
   options.mesh = setting.mesh;
+  options.outer_iterations = setting.turns;
   const OpticalSurface s = solve_surface(lens, receiver, targets, options);
   print_surface("point", s, cpu_seconds() - before);
   std::printf("point: RMS height error %.4f um\n", oval_rms_um(s, lens, receiver));
@@ -103,6 +108,7 @@ void circle(const Setting& setting) {
   const double before = cpu_seconds();
   SurfaceOptions options;
   options.mesh = setting.mesh;
+  options.outer_iterations = setting.turns;
   const OpticalSurface s = solve_surface(lens, receiver, targets, options);
   print_surface("circle", s, cpu_seconds() - before);
   std::printf("circle: RMS height error %.4f um\n", oval_rms_um(s, lens, receiver));
@@ -143,6 +149,8 @@ int main(int argc, char** argv) {
     const std::string word = argv[a];
     if (word == "--mesh" && a + 1 < argc) {
       setting.mesh = std::atoi(argv[++a]);
+    } else if (word == "--turns" && a + 1 < argc) {
+      setting.turns = std::atoi(argv[++a]);
     } else if (word == "--out" && a + 1 < argc) {
       setting.out = argv[++a];
     } else {
