@@ -8,7 +8,8 @@
 
 namespace lightmill {
 
-/// Owns the controlling end; removes the symbolic link when it goes. Throws IoError.
+/// Owns the controlling end; removes the symbolic link when it goes, also when a signal (INT, TERM, HUP) nobody else handles
+/// ends the process. Throws IoError.
 class PseudoTerminal {
  public:
   /// `link`: a symbolic link to the far end (e.g. DIR/port); empty: none.
@@ -22,6 +23,8 @@ class PseudoTerminal {
   std::size_t read_some(std::span<char> buffer, std::chrono::milliseconds deadline);
   /// Writes all bytes, or as many as fit before the deadline.
   std::size_t write_some(std::span<const char> bytes, std::chrono::milliseconds deadline);
+  /// Cuts the line as if the plug were pulled: the client sees a hang-up, nothing more is read or written.
+  void hang_up();
 
  private:
   int fd_ = -1;

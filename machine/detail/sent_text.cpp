@@ -1,0 +1,144 @@
+#include "machine/detail/sent_text.h"
+
+#include <charconv>
+#include <cmath>
+
+namespace lightmill::detail {
+
+namespace {
+
+/// Calls word(letter, value) for every word outside comments; the value is 0 if it is no number.
+template <typename Word>
+void for_each_word(std::string_view line, const Word& word) {
+  const char* p = line.data();
+  const char* const end = p + line.size();
+  while (p != end) {
+    char c = *p++;
+    if (c == ';') return;
+    if (c == '(') {
+      while (p != end && *p != ')') ++p;
+      continue;
+    }
+    if (c >= 'a' && c <= 'z') c = static_cast<char>(c - 'a' + 'A');
+    if (c < 'A' || c > 'Z') continue;
+    while (p != end && (*p == ' ' || *p == '\t' || *p == '+')) ++p;
+    double value = 0;
+    const auto result = std::from_chars(p, end, value, std::chars_format::fixed);
+    p = result.ptr;
+    word(c, value);
+  }
+}
+
+constexpr std::string_view kAxes = "XYZABC";
+/// Half of the last digit of two printed numbers (three decimals each) and the program's own rounding.
+constexpr double kReportTolerance = 0.0016;
+
+}  // namespace
+
+LineWords words_of(std::string_view line) {
+  // Called for every line that is sent: it looks at letters and at the digits behind G and M only.
+  LineWords words;
+  const char* p = line.data();
+  const char* const end = p + line.size();
+  while (p != end) {
+    char c = *p++;
+    if (c >= 'a' && c <= 'z') c = static_cast<char>(c - 'a' + 'A');
+    if (c == ';') break;
+    if (c == '(') {
+      while (p != end && *p != ')') ++p;
+      continue;
+    }
+    if (c < 'A' || c > 'Z') continue;
+    if (c != 'G' && c != 'M') {
+      words.letters |= 1U << (c - 'A');
+      continue;
+    }
+    int number = 0;
+    bool digits = false;
+    while (p != end && (*p == ' ' || *p == '\t')) ++p;
+    for (; p != end && *p >= '0' && *p <= '9'; ++p) {
+      number = number < 1000 ? number * 10 + (*p - '0') : number;
+      digits = true;
+    }
+    if (!digits || (p != end && *p == '.')) continue;
+    if (c == 'G' && number <= 3) words.motion = true;
+    if (c == 'M' && number == 6) words.tool_change = true;
+    if (c == 'M' && number <= 1) words.pause = true;
+  }
+  for (const char axis : kAxes) words.axes = words.axes || (words.letters & (1U << (axis - 'A'))) != 0;
+  return words;
+}
+
+bool may_merge(const LineWords& first, const LineWords& second) {
+  if (first.motion && second.motion) return false;
+  return (first.letters & second.letters) == 0;
+}
+
+std::string refusal(std::string_view line, int longest) {
+  if (line.size() > static_cast<std::size_t>(longest)) {
+    return "has " + std::to_string(line.size()) + " characters, the controller takes " + std::to_string(longest);
+  }
+  if (line.front() == '$') return "is a controller command ($), not part of a program";
+  for (const char c : line) {
+    const auto code = static_cast<unsigned char>(c);
+    if (code >= 0x80) return "has a byte above 127, which would act as a real-time command (write comments in ASCII)";
+    if (c == '?' || c == '!' || c == '~') return std::string("has a '") + c + "', which would act as a real-time command";
+    if (code < 0x20 && c != '\t') return "has a control character";
+  }
+  return {};
+}
+
+void ProgrammedPosition::read(std::string_view line) {
+  std::array<double, 6> words{};
+  std::array<bool, 6> given{};
+  bool machine_coordinates = false, offsets_change = false, no_motion = false, lost = false;
+  for_each_word(line, [&](char letter, double value) {
+    if (letter == 'G') {
+      const long tenths = std::lround(value * 10);
+      if (tenths == 200 || tenths == 210) inches_ = tenths == 200;
+      if (tenths == 900 || tenths == 910) incremental_ = tenths == 910;
+      if (tenths == 530) machine_coordinates = true;
+      if (tenths == 431 || tenths == 430) no_motion = offsets_change = true;
+      if (tenths == 490 || (tenths >= 540 && tenths <= 599)) offsets_change = true;
+      if (tenths == 100 || tenths == 920) no_motion = offsets_change = true;
+      if (tenths == 280 || tenths == 300) lost = true;
+      return;
+    }
+    const std::size_t axis = kAxes.find(letter);
+    if (axis == std::string_view::npos) return;
+    words[axis] = value * (inches_ && axis < 3 ? 25.4 : 1.0);
+    given[axis] = true;
+  });
+  for (std::size_t i = 0; i < 6; ++i) {
+    // A new offset moves the work coordinates of an axis that stands still; what they are now, the words do not say.
+    if (lost || (offsets_change && known_[i] == Known::kWork)) known_[i] = Known::kNo;
+    if (!given[i] || no_motion || lost) continue;
+    if (machine_coordinates) {
+      value_[i] = words[i];
+      known_[i] = Known::kMachine;
+    } else if (incremental_) {
+      value_[i] += words[i];
+    } else {
+      value_[i] = words[i];
+      known_[i] = Known::kWork;
+    }
+  }
+}
+
+bool ProgrammedPosition::agrees(const std::vector<double>& machine_position, const std::vector<double>& work_offset,
+                                int& compared) const {
+  compared = 0;
+  for (std::size_t i = 0; i < 6 && i < machine_position.size(); ++i) {
+    if (known_[i] == Known::kNo) continue;
+    double expected = value_[i];
+    if (known_[i] == Known::kWork) {
+      if (i >= work_offset.size()) continue;
+      expected += work_offset[i];
+    }
+    if (std::abs(machine_position[i] - expected) > kReportTolerance) return false;
+    ++compared;
+  }
+  return true;
+}
+
+}  // namespace lightmill::detail

@@ -1,1 +1,0 @@
-#include "machine/simulated_machine.h"

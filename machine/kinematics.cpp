@@ -1,0 +1,91 @@
+#include "machine/kinematics.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace lightmill {
+
+namespace {
+
+JointPosition between(const JointPosition& a, const JointPosition& b, double t) {
+  return {a.x_mm + t * (b.x_mm - a.x_mm), a.y_mm + t * (b.y_mm - a.y_mm), a.z_mm + t * (b.z_mm - a.z_mm),
+          a.outer_rad + t * (b.outer_rad - a.outer_rad), a.inner_rad + t * (b.inner_rad - a.inner_rad)};
+}
+
+/// Angle between unit vectors; atan2 keeps small angles exact where acos would lose them.
+double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
+
+}  // namespace
+
+Eigen::Matrix3d WorkpieceView::Turn::matrix(double angle_rad) const {
+  // Rodrigues: v cos + (k x v) sin + k (k.v)(1 - cos), column by column.
+  const double a = direction * angle_rad, c = std::cos(a), s = std::sin(a);
+  Eigen::Matrix3d R;
+  for (int i = 0; i < 3; ++i) {
+    const Vec3 v = Vec3::Unit(i);
+    R.col(i) = v * c + axis.cross(v) * s + axis * (axis.dot(v) * (1 - c));
+  }
+  return R;
+}
+
+WorkpieceView::WorkpieceView(const MachineModel& machine, const Vec3& workpiece_origin_mm)
+    : outer_{machine.outer.axis.normalized(), machine.outer.point_mm, machine.outer.direction},
+      inner_{machine.inner.axis.normalized(), machine.inner.point_mm, machine.inner.direction},
+      origin_(workpiece_origin_mm) {
+  turn_table(0, 0);
+}
+
+void WorkpieceView::turn_table(double outer_rad, double inner_rad) {
+  outer_rad_ = outer_rad;
+  inner_rad_ = inner_rad;
+  // A point fixed to the table at m (joints zero) stands at P + Ro (Q + Ri (m - Q) - P). Looking back from the machine:
+  // m = Q + Ri^T (P + Ro^T (p_M - P) - Q), and p_W = m - origin.
+  const Eigen::Matrix3d Ro_T = outer_.matrix(outer_rad).transpose(), Ri_T = inner_.matrix(inner_rad).transpose();
+  to_work_ = Ri_T * Ro_T;
+  shift_ = inner_.point + Ri_T * (outer_.point - Ro_T * outer_.point - inner_.point) - origin_;
+}
+
+ToolPose WorkpieceView::cutter(const JointPosition& joints, double length_mm) {
+  if (joints.outer_rad != outer_rad_ || joints.inner_rad != inner_rad_) turn_table(joints.outer_rad, joints.inner_rad);
+  const Vec3 tip_M(joints.x_mm, joints.y_mm, joints.z_mm - length_mm);
+  return {to_work_ * tip_M + shift_, to_work_.col(2)};
+}
+
+void WorkpieceView::sweep(const Motion& motion, double length_mm, const SweepTolerance& tolerance,
+                          std::vector<SweptMove>& pieces) {
+  const JointPosition &a = motion.from, &b = motion.to;
+  const double turn = std::abs(b.outer_rad - a.outer_rad) + std::abs(b.inner_rad - a.inner_rad);
+  int count = 1;
+  if (turn > 0) {
+    // Chunks of at most 5 degrees, on which the middle's distance from the chord is the greatest (controllers.md 5.3) and
+    // falls with the square of the count of pieces.
+    const int chunks = std::max(1, static_cast<int>(std::ceil(turn / (5 * kPi / 180))));
+    double pieces_per_chunk = 1;
+    ToolPose start = cutter(a, length_mm);
+    for (int i = 0; i < chunks; ++i) {
+      const ToolPose middle = cutter(between(a, b, (i + 0.5) / chunks), length_mm);
+      const ToolPose end = cutter(between(a, b, (i + 1.0) / chunks), length_mm);
+      const double deviation = (middle.tip_mm - (start.tip_mm + end.tip_mm) / 2).norm();
+      const double tilt = angle_between(start.axis, middle.axis) + angle_between(middle.axis, end.axis);
+      pieces_per_chunk = std::max({pieces_per_chunk, std::sqrt(deviation / (0.9 * tolerance.tip_mm)),
+                                   1.05 * tilt / tolerance.axis_rad});
+      start = end;
+    }
+    count = chunks * static_cast<int>(std::ceil(pieces_per_chunk));
+  }
+
+  SweptMove piece;
+  piece.line = motion.line;
+  piece.rapid = motion.rapid;
+  piece.spindle_on = motion.spindle_on;
+  piece.seconds = motion.seconds / count;
+  piece.from = cutter(a, length_mm);
+  for (int i = 1; i <= count; ++i) {
+    piece.to = cutter(i == count ? b : between(a, b, static_cast<double>(i) / count), length_mm);
+    pieces.push_back(piece);
+    piece.from = piece.to;
+  }
+}
+
+}  // namespace lightmill

@@ -1,0 +1,36 @@
+#include "machine/program_lines.h"
+
+#include <algorithm>
+
+namespace lightmill {
+
+std::vector<ProgramLine> program_lines(std::string_view program) {
+  std::vector<ProgramLine> lines;
+  lines.reserve(static_cast<std::size_t>(std::count(program.begin(), program.end(), '\n')) + 1);
+  long number = 0;
+  while (!program.empty()) {
+    const std::size_t end = program.find('\n');
+    std::string_view line = program.substr(0, end);
+    program.remove_prefix(end == std::string_view::npos ? program.size() : end + 1);
+    ++number;
+    const std::size_t first = line.find_first_not_of(" \t\r");
+    if (first == std::string_view::npos) continue;
+    line = line.substr(first, line.find_last_not_of(" \t\r") + 1 - first);
+    lines.push_back({number, line});
+  }
+  return lines;
+}
+
+std::string LineDigest::hex() const {
+  std::string text(16, '0');
+  for (std::size_t i = 0; i < 16; ++i) text[i] = "0123456789abcdef"[(state_ >> (60 - 4 * i)) & 15];
+  return text;
+}
+
+std::string program_digest(std::string_view program) {
+  LineDigest digest;
+  for (const ProgramLine& line : program_lines(program)) digest.add(line.text);
+  return digest.hex();
+}
+
+}  // namespace lightmill
