@@ -1,4 +1,385 @@
 #include "cli/commands.h"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "cli/shop_tools.h"
+#include "cli/digest.h"
+#include "cli/job.h"
+#include "cli/pages.h"
+#include "cli/progress.h"
+#include "cli/run_folder.h"
+#include "cli/simulation.h"
+#include "cli/stage_runs.h"
+#include "cli/stages.h"
+#include "design/caustic.h"
+#include "design/core/errors.h"
+#include "design/core/files.h"
+#include "design/core/parallel.h"
+#include "design/core/text.h"
+#include "machine/connection.h"
+#include "machine/streamer.h"
+#include "postproc/kinematics.h"
+
 namespace lightmill {
-int run_command_line(int, char**) { return 0; }
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+namespace {
+
+/// Options of every command.
+struct Common {
+  bool json_events = false;
+  bool quiet = false;
+  int threads = 0;
+  [[nodiscard]] Progress::Style style() const {
+    return json_events ? Progress::Style::kJson : quiet ? Progress::Style::kQuiet : Progress::Style::kAuto;
+  }
+};
+
+/// "100x80x14" as three lengths.
+Vec3 parse_three(const std::string& text, char separator, const char* option, const char* example) {
+  Vec3 value;
+  std::size_t start = 0;
+  for (int i = 0; i < 3; ++i) {
+    const std::size_t end = i < 2 ? text.find(separator, start) : text.size();
+    const std::string part = end == std::string::npos ? "" : text.substr(start, end - start);
+    const auto result = std::from_chars(part.data(), part.data() + part.size(), value[i]);
+    if (part.empty() || result.ec != std::errc() || result.ptr != part.data() + part.size() || !std::isfinite(value[i])) {
+      throw InputError(std::string(option) + " " + text + ": must be three numbers like " + example);
+    }
+    start = end + 1;
+  }
+  return value;
+}
+
+Blank parse_blank(const std::string& text) {
+  const Vec3 size = parse_three(text, 'x', "--blank", "100x80x14");
+  if (!(size.minCoeff() > 0)) throw InputError("--blank " + text + ": lengths must be above 0 mm");
+  return {size.head<2>(), size.z()};
+}
+
+Job job_of(const RunFolder& folder) { return read_job(folder.file("job.toml")); }
+
+void print_summary(const RunFolder& folder, Progress& progress) {
+  const json report = folder.report();
+  const auto figure = [&](const char* pointer, int decimals) -> std::string {
+    const json::json_pointer p(pointer);
+    return report.contains(p) && report.at(p).is_number() ? fixed(report.at(p).get<double>(), decimals) : "-";
+  };
+  if (report.contains("/design/caustic"_json_pointer)) {
+    progress.say("design:   caustic error " + figure("/design/caustic/l1_error", 3) + " (l1), " + figure("/design/caustic/psnr_db", 1) +
+                 " dB; relief " + figure("/design/surface/height_range_mm", 2) + " mm");
+  }
+  if (report.contains("/cam/finish"_json_pointer)) {
+    progress.say("cam:      blank " + figure("/cam/blank/height_mm", 1) + " mm high; rough " + figure("/cam/rough/minutes", 1) +
+                 ", semi-finish " + figure("/cam/semi_finish/minutes", 1) + ", finish " + figure("/cam/finish/minutes", 1) + " minutes");
+  }
+  if (report.contains("/postproc/finish"_json_pointer)) {
+    progress.say("programs: " + figure("/postproc/rough/blocks", 0) + " + " + figure("/postproc/semi_finish/blocks", 0) + " + " +
+                 figure("/postproc/finish/blocks", 0) + " blocks in " + folder.file("program").string());
+  }
+  if (report.contains("/dry_run/faults"_json_pointer)) {
+    progress.say("dry run:  gouge " + figure("/dry_run/max_gouge_um", 2) + " um, cusp " + figure("/dry_run/max_cusp_um", 2) +
+                 " um, caustic error polished " + figure("/dry_run/caustic/polished/l1_error", 3) + ", raw " +
+                 figure("/dry_run/caustic/raw/l1_error", 3) + "; faults: " + figure("/dry_run/faults", 0));
+  }
+  progress.say("report:   " + folder.file("report.html").string());
+  progress.event({{"event", "report"}, {"path", folder.file("report.json").string()}, {"report", report}});
+}
+
+/// Tells about faults of the dry run; the exit code says the same.
+int verdict(const RunFolder& folder) {
+  const int faults = count_faults(folder);
+  if (faults == 0) return kExitDone;
+  std::string first;
+  const json list = json::parse(read_whole(folder.file("dry_run/faults.json")), nullptr, false);
+  if (list.is_object() && !list["faults"].empty()) {
+    const json& fault = list["faults"][0];
+    first = fault.value("kind", "");
+    if (!fault.value("program", "").empty()) first += " in " + fault.value("program", "");
+    if (fault.value("line", 0L) > 0) first += " line " + std::to_string(fault.value("line", 0L));
+    first += ": " + fault.value("message", "");
+    std::replace(first.begin(), first.end(), '\n', ' ');
+  }
+  std::fprintf(stderr, "lightmill: the dry run found %d fault%s, first: %s; see %s\n", faults, faults == 1 ? "" : "s", first.c_str(),
+               folder.file("report.html").c_str());
+  return kExitDryRunFault;
+}
+
+int make(const Common& common, const std::string& job_path, const std::string& out, const std::string& until) {
+  const Job given = read_job(job_path);
+  check_job(given);
+  Progress progress(common.style());
+  RunFolder folder(out, true);
+  // The run uses the job as written: what is in the folder is what was run.
+  const std::string resolved = resolved_toml(given);
+  const Job job = read_job_text(resolved, folder.file("job.toml").string(), folder.root());
+  write_whole(folder.file("job.toml"), resolved);
+
+  const Stage last = until == "design" ? Stage::kSurface : until == "cam" ? Stage::kCam : until == "post" ? Stage::kPost : Stage::kDryRun;
+  for (const Stage stage : kAllStages) {
+    if (stage > last) break;
+    const Monitor monitor = progress.stage(stage_name(stage));
+    const std::string digest = stage_digest(stage, job, folder);
+    if (!digest.empty() && folder.is_done(stage, digest)) {
+      progress.done("nothing changed, kept");
+      continue;
+    }
+    run_stage(stage, job, folder, monitor);
+    write_pages(job, folder);
+    progress.done();
+  }
+  write_pages(job, folder);
+  print_summary(folder, progress);
+  return last == Stage::kDryRun ? verdict(folder) : kExitDone;
+}
+
+int run_stages(const Common& common, const std::string& dir, const std::vector<Stage>& stages, const ShopOverrides& overrides = {}) {
+  Progress progress(common.style());
+  RunFolder folder(dir, false);
+  const Job job = job_of(folder);
+  for (const Stage stage : stages) {
+    run_stage(stage, job, folder, progress.stage(stage_name(stage)), overrides);
+    write_pages(job, folder);
+    progress.done();
+  }
+  print_summary(folder, progress);
+  return stages.back() == Stage::kDryRun ? verdict(folder) : kExitDone;
+}
+
+int dry_run_programs(const Common& common, const std::vector<std::string>& programs, SimulatedShop shop, const std::string& out) {
+  Progress progress(common.style());
+  const std::vector<fs::path> paths(programs.begin(), programs.end());
+  const SimulationOutcome outcome = simulate_programs(shop, paths, fs::absolute(out), progress.stage("dry-run"));
+  progress.done();
+  json list = json::array();
+  for (const Fault& fault : outcome.faults) {
+    list.push_back({{"kind", fault.kind}, {"program", fault.program}, {"line", fault.line}, {"message", fault.message}});
+  }
+  write_whole(fs::path(out) / "faults.json", json({{"faults", list}}).dump(2) + "\n");
+  progress.say("lines: " + std::to_string(outcome.lines) + ", minutes: " + fixed(outcome.machine_minutes, 1) + ", removed: " +
+               fixed(outcome.removed_mm3, 1) + " mm3, faults: " + std::to_string(outcome.faults.size()));
+  if (outcome.faults.empty()) return kExitDone;
+  const Fault& first = outcome.faults.front();
+  std::fprintf(stderr, "lightmill: the dry run found %zu fault(s), first: %s line %ld: %s; see %s\n", outcome.faults.size(),
+               first.kind.c_str(), first.line, first.message.c_str(), (fs::path(out) / "faults.json").c_str());
+  return kExitDryRunFault;
+}
+
+int stream(const Common& common, const std::string& what, std::string port, int baud) {
+  std::vector<fs::path> programs;
+  std::error_code error;
+  if (fs::is_directory(what, error)) {
+    RunFolder folder(what, false);
+    const Job job = job_of(folder);
+    if (port.empty()) port = job.stream.port;
+    if (baud == 0) baud = job.stream.baud;
+    for (const auto& entry : fs::directory_iterator(folder.file("program"), error)) {
+      if (entry.path().extension() == ".nc" && entry.path().filename().string()[0] != '.') programs.push_back(entry.path());
+    }
+    std::sort(programs.begin(), programs.end());
+    if (programs.empty()) throw InputError("no program in " + folder.file("program").string() + "; make them with: lightmill post " + what);
+  } else {
+    programs.emplace_back(what);
+  }
+  if (port.empty()) throw InputError("no port given; name it with --port, for example --port /dev/ttyUSB0 (lightmill ports lists them)");
+  std::vector<std::string> texts;
+  for (const auto& program : programs) texts.push_back(read_whole(program));
+  const auto connection = open_serial(port, baud == 0 ? 115200 : baud);
+  Progress progress(common.style());
+  for (std::size_t i = 0; i < programs.size(); ++i) {
+    const StreamResult result = stream_program(*connection, texts[i], {}, progress.stage(programs[i].filename().string()));
+    progress.event({{"event", "stream"}, {"program", programs[i].string()}, {"end", stream_end_name(result.end)},
+                    {"lines", result.lines_total}, {"acknowledged", result.lines_acknowledged}, {"error_line", result.error_line}});
+    if (result.end == StreamEnd::kStopped) throw Stopped();
+    if (!result.done()) {
+      std::fprintf(stderr, "lightmill: %s ended early (%s): %s; %ld of %ld lines are acknowledged\n", programs[i].filename().c_str(),
+                   stream_end_name(result.end).c_str(), result.message.c_str(), result.lines_acknowledged, result.lines_total);
+      return kExitStreamEnded;
+    }
+    progress.done();
+    progress.say(programs[i].filename().string() + ": " + std::to_string(result.lines_acknowledged) + " lines in " + fixed(result.seconds, 1) + " s");
+  }
+  return kExitDone;
+}
+
+int trace(const Common& common, const std::string& ply, const std::string& job_path, const std::string& out) {
+  const Job job = read_job(job_path);
+  const SurfaceMesh mesh = read_ply(ply);
+  const TargetLight target = target_of(job);
+  CausticOptions options;
+  options.angular_diameter_rad = job.light.angular_diameter_rad;
+  Progress progress(common.style());
+  const Caustic caustic = trace_mesh(mesh, job.lens, job.receiver, target.extent, options, progress.stage("trace"));
+  const CausticMeasures measures = measure_caustic(caustic, target);
+  if (!out.empty()) write_png8(out, display_picture(caustic.flux, job.receiver.viewed_from, display_white(target)));
+  progress.done();
+  progress.say("l1_error " + fixed(measures.l1_error, 4) + ", psnr_db " + fixed(measures.psnr_db, 2) + ", flux_outside_support " +
+               fixed(measures.flux_outside_support, 4) + ", flux_totally_reflected " + fixed(measures.flux_totally_reflected, 6));
+  progress.event({{"event", "trace"}, {"measures", to_json(measures)}});
+  return kExitDone;
+}
+
+/// Options for a shop floor, shared by `machine` and `dry-run PROGRAM...`.
+struct ShopOptions {
+  std::string machine;
+  std::vector<std::string> cutters;
+  std::string blank;
+  std::string origin;
+  int work_offset = 54;
+  double pitch_um = 20;
+  double time_factor = 0;
+  int pace_baud = 0;
+
+  void add(CLI::App* app) {
+    app->add_option("--machine", machine, "machine file (fixtures/machines/*.toml)");
+    app->add_option("--cutters", cutters, "cutter files of the tool magazine");
+    app->add_option("--blank", blank, "blank as WIDTHxDEPTHxHEIGHT in mm, e.g. 100x100x14");
+    app->add_option("--origin", origin, "where the blank's back centre stands, machine frame, x,y,z in mm (default: the table's centre)");
+    app->add_option("--work-offset", work_offset, "the offset that is zeroed on the workpiece, 54 to 59")->check(CLI::Range(54, 59));
+    app->add_option("--pitch-um", pitch_um, "grid of the simulated stock in micrometres")->check(CLI::Range(1.0, 1000.0));
+    app->add_option("--time-factor", time_factor, "0: as fast as it can, 1: real time")->check(CLI::Range(0.0, 1e6));
+    app->add_option("--pace-baud", pace_baud, "pace the simulated line; 0: not paced")->check(CLI::Range(0, 4000000));
+  }
+  [[nodiscard]] SimulatedShop shop() const {
+    SimulatedShop result;
+    result.machine_file = machine.empty() ? fixtures_folder() / "machines/hsm400u_grblhal.toml" : fs::absolute(machine);
+    for (const auto& file : cutters) result.cutter_files.push_back(fs::absolute(file));
+    if (result.cutter_files.empty()) {
+      for (const char* name : {"rough_10mm", "semi_finish_4mm_ball", "finish_4mm_ball"}) {
+        result.cutter_files.push_back(fixtures_folder() / "cutters" / (std::string(name) + ".toml"));
+      }
+    }
+    if (blank.empty()) throw InputError("no blank given; name its size with --blank, for example --blank 100x100x14");
+    result.blank = parse_blank(blank);
+    result.workpiece_origin_mm = origin.empty() ? work_on_table(read_machine(result.machine_file), Vec3::Zero(), work_offset).origin_mm
+                                                : parse_three(origin, ',', "--origin", "0,0,-420");
+    result.work_offset = work_offset;
+    result.pitch_um = pitch_um;
+    result.time_factor = time_factor;
+    result.baud = pace_baud;
+    return result;
+  }
+};
+
+}  // namespace
+
+int run_command_line(int argc, char** argv) {
+  catch_stop_signals();
+  CLI::App app{"lightmill: from a picture to a milled lens that casts it.\nExample: lightmill make fixtures/jobs/portrait.toml -o out"};
+  app.set_version_flag("--version", "lightmill " LIGHTMILL_VERSION);
+  app.require_subcommand(1);
+  Common common;
+  int code = kExitDone;
+  const auto command = [&](const char* name, const char* what, const char* example) {
+    CLI::App* sub = app.add_subcommand(name, what);
+    sub->footer(std::string("Example: lightmill ") + example);
+    sub->add_flag("--json", common.json_events, "progress and results as JSON lines on stdout");
+    sub->add_flag("-q,--quiet", common.quiet, "no progress");
+    sub->add_option("--threads", common.threads, "threads to use (default: all cores)")->check(CLI::Range(0, 1024));
+    return sub;
+  };
+  // Runs after everything is parsed, so that --threads holds wherever it stands.
+  std::function<int()> action;
+  const auto on = [&](CLI::App* sub, std::function<int()> run) { sub->callback([&action, run = std::move(run)] { action = run; }); };
+
+  std::string job, out, until = "dry-run", dir, port, link, ply, picture;
+  std::vector<std::string> programs;
+  int baud = 0;
+  ShopOptions shop;
+
+  CLI::App* sub = command("make", "the whole chain: design, tool paths, programs, dry run and report", "make portrait.toml -o out");
+  sub->add_option("job", job, "job file (.toml), picture or drawing")->required();
+  sub->add_option("-o,--out", out, "run folder")->required();
+  sub->add_option("--until", until, "stop after this stage")->check(CLI::IsMember({"design", "cam", "post", "dry-run"}));
+  on(sub, [&] { return make(common, job, out, until); });
+
+  sub = command("design", "design again: light transport, optical surface, predicted picture", "design out");
+  sub->add_option("folder", dir, "run folder")->required();
+  on(sub, [&] { return run_stages(common, dir, {Stage::kTransport, Stage::kSurface}); });
+  sub = command("cam", "solid and tool paths again, from the surface in the run folder", "cam out");
+  sub->add_option("folder", dir, "run folder")->required();
+  on(sub, [&] { return run_stages(common, dir, {Stage::kCam}); });
+  sub = command("post", "programs again, from the tool paths in the run folder", "post out");
+  sub->add_option("folder", dir, "run folder")->required();
+  on(sub, [&] { return run_stages(common, dir, {Stage::kPost}); });
+
+  CLI::App* dry = command("dry-run", "mill on the simulated machine: a run folder's programs, or any programs",
+                          "dry-run out\n         lightmill dry-run part.nc --blank 100x100x14 -o check");
+  dry->add_option("what", programs, "run folder, or program files")->required();
+  dry->add_option("-o,--out", out, "folder for the results (program files only)");
+  shop.add(dry);
+  on(dry, [&] {
+    std::error_code error;
+    if (programs.size() > 1 || !fs::is_directory(programs[0], error)) {
+      if (out.empty()) throw InputError("name a folder for the results with -o, for example -o check");
+      return dry_run_programs(common, programs, shop.shop(), out);
+    }
+    ShopOverrides overrides;
+    if (!shop.machine.empty()) overrides.machine_file = fs::absolute(shop.machine);
+    for (const auto& file : shop.cutters) overrides.cutter_files.push_back(fs::absolute(file));
+    if (dry->count("--work-offset") > 0) overrides.work_offset = shop.work_offset;
+    for (const char* option : {"--blank", "--origin", "--pitch-um", "--time-factor", "--pace-baud"}) {
+      if (dry->count(option) > 0) throw InputError(std::string(option) + " belongs to program files; a run folder's job.toml says it");
+    }
+    return run_stages(common, programs[0], {Stage::kDryRun}, overrides);
+  });
+
+  sub = command("stream", "send programs to a controller over a serial port", "stream out --port /dev/ttyUSB0");
+  sub->add_option("what", dir, "run folder or program file")->required();
+  sub->add_option("--port", port, "serial port (default: the job's)");
+  sub->add_option("--baud", baud, "line speed (default: the job's, 115200)")->check(CLI::Range(300, 4000000));
+  on(sub, [&] { return stream(common, dir, port, baud); });
+
+  sub = command("machine", "the simulated machine behind a pseudo-terminal, until Ctrl-C; then what it milled is in --out",
+                "machine --pty /tmp/mill --blank 100x100x14 --out milled");
+  sub->add_option("--pty", link, "link that other programs open as their serial port")->required();
+  sub->add_option("--out", out, "folder for machined.tif and result.json")->required();
+  shop.add(sub);
+  on(sub, [&] {
+    serve_machine(shop.shop(), fs::absolute(link), fs::absolute(out), stop_requested);
+    return int{kExitDone};
+  });
+
+  sub = command("trace", "light through any surface mesh", "trace surface.ply --job portrait.toml -o caustic.png");
+  sub->add_option("surface", ply, "PLY mesh, mm, lens frame")->required();
+  sub->add_option("--job", job, "job with target, lens and receiver")->required();
+  sub->add_option("-o,--out", picture, "picture to write");
+  on(sub, [&] { return trace(common, ply, job, picture); });
+
+  sub = command("check", "can this lens be milled? slopes, radii, what the ball cannot reach", "check out");
+  sub->add_option("folder", dir, "run folder")->required();
+  on(sub, [&] {
+    const RunFolder folder(dir, false);
+    return check_machinability(job_of(folder), folder);
+  });
+  on(command("ports", "serial ports of this computer", "ports"), list_ports);
+  on(command("machines", "machines and cutters that come with Lightmill", "machines"), list_machines);
+  on(command("dialects", "controller dialects the post-processor writes", "dialects"), list_dialects);
+  on(command("doctor", "is this computer fit for work?", "doctor"), doctor);
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::CallForHelp& e) {
+    return app.exit(e);
+  } catch (const CLI::CallForAllHelp& e) {
+    return app.exit(e);
+  } catch (const CLI::CallForVersion& e) {
+    return app.exit(e);
+  } catch (const CLI::ParseError& e) {
+    throw InputError(std::string(e.what()) + "; see lightmill --help");
+  }
+  if (common.threads > 0) set_thread_count(common.threads);
+  code = action();
+  return code;
+}
+
 }  // namespace lightmill

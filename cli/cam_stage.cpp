@@ -1,0 +1,117 @@
+#include <algorithm>
+#include <cmath>
+
+#include "cam/finishing.h"
+#include "cam/reachable.h"
+#include "cam/roughing.h"
+#include "cam/solid.h"
+#include "cli/pictures.h"
+#include "cli/spline_file.h"
+#include "cli/stage_runs.h"
+#include "design/core/errors.h"
+#include "design/core/text.h"
+#include "postproc/machine_model.h"
+
+namespace lightmill {
+
+using nlohmann::json;
+
+namespace {
+
+/// The blank's height: as given, or what the highest point of the lens and the allowance ask for, up to the next 0.1 mm.
+Blank blank_of(const Job& job, const SplineSurface& surface) {
+  Blank blank;
+  blank.size_mm = job.lens.size_mm;
+  const double highest = surface.highest();
+  const auto tenths_up = [](double mm) { return std::ceil(mm * 10 - 1e-6) / 10; };
+  if (!job.stock.height_mm) {
+    blank.height_mm = tenths_up(highest + job.stock.allowance_mm);
+    return blank;
+  }
+  blank.height_mm = *job.stock.height_mm;
+  if (highest > blank.height_mm) {
+    throw InputError("the relief is too tall for the blank: the lens is " + fixed(highest, 2) + " mm high, stock.height_mm = " +
+                     compact(blank.height_mm, 3) + " is " + fixed(highest - blank.height_mm, 2) + " mm too low; take a blank of at least " +
+                     fixed(tenths_up(highest), 1) + " mm, move the receiver farther away, or make the lens thinner (lens.thickness_mm)");
+  }
+  return blank;
+}
+
+json to_json(const ToolPath& path, double rapid_mm_per_s) {
+  double cut_mm = 0;
+  for (std::size_t i = 1; i < path.moves.size(); ++i) {
+    if (path.moves[i].kind == MoveKind::kCut) cut_mm += (path.moves[i].pose.tip_mm - path.moves[i - 1].pose.tip_mm).norm();
+  }
+  return {{"length_mm", path.length_mm()},   {"cutting_length_mm", cut_mm},
+          {"points", path.moves.size()},     {"stepover_mm", path.stepover_mm},
+          {"minutes", path.minutes(rapid_mm_per_s)}, {"predicted_cusp_um", path.predicted_cusp_um},
+          {"cutter", path.cutter.name},      {"spindle_rpm", path.spindle_rpm},
+          {"feed_mm_per_min", path.cutter.feed_mm_per_s() * 60}};
+}
+
+}  // namespace
+
+StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& monitor) {
+  if (job.lens.shape != Lens::Shape::kRectangle) {
+    throw InputError("lens.shape = \"disk\" can be designed, but not milled yet; use a rectangle, or stop with --until design");
+  }
+  const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
+  const Box2 extent = Box2::centred(job.lens.size_mm);
+  const SplineFit fit = fit_spline(mesh, extent, monitor.part(0, 0.1));
+  const SplineSurface& surface = fit.surface;
+  const Blank blank = blank_of(job, surface);
+  write_spline(folder.file("cam/spline.bin"), surface);
+
+  const SolidSummary solid = write_lens_step(folder.file("cam/lens.step"), surface, job.name, monitor.part(0.1, 0.3));
+  write_blank_step(folder.file("cam/stock.step"), blank);
+
+  std::vector<ToolPath> passes;
+  passes.push_back(plan_roughing(surface, blank, job.rough.cutter, job.rough.options, monitor.part(0.3, 0.45)));
+  passes.push_back(plan_finishing(surface, blank, job.semi_finish.cutter, job.semi_finish.options, monitor.part(0.45, 0.6)));
+  passes.push_back(plan_finishing(surface, blank, job.finish.cutter, job.finish.options, monitor.part(0.6, 0.85)));
+  write_toolpaths(folder.file("cam/toolpaths.bin"), passes);
+
+  // Half a finishing stepover sees every fillet that matters; a tenth of a mm bounds the work.
+  const double pitch = std::clamp(extent.size().maxCoeff() / 1000, 0.05, 0.1);
+  const ReachableSurface reachable = reachable_surface(surface, job.finish.cutter.radius_mm(), pitch, monitor.part(0.85, 0.95));
+
+  monitor.report("pictures", 0.95);
+  constexpr int kHeightPixels = 800;
+  write_height_picture(folder.file("cam/surface.png"), sample_heights(surface, kHeightPixels), extent.size().maxCoeff() / kHeightPixels);
+  write_deviation_picture(folder.file("cam/unreachable.png"), reachable.residue_um, std::max(1.0, std::ceil(reachable.max_residue_um)));
+
+  StageResult result;
+  result.files = {"cam/spline.bin", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "cam/surface.png", "cam/unreachable.png"};
+  const double rapid = read_machine(job.machine.file).x.max_speed_mm_per_s;
+  json& cam = result.report["cam"];
+  for (const ToolPath& path : passes) {
+    const std::string picture = "cam/toolpaths_" + path.pass + ".png";
+    write_toolpath_picture(folder.file(picture), path, blank);
+    result.files.push_back(picture);
+    cam[path.pass] = to_json(path, rapid);
+  }
+  cam["solid"] = {{"valid", solid.valid},
+                  {"volume_mm3", solid.volume_mm3},
+                  {"spline_volume_mm3", solid.spline_volume_mm3},
+                  {"faces", solid.faces},
+                  {"free_edges", solid.free_edges},
+                  {"file_bytes", solid.file_bytes},
+                  {"max_deviation_um", fit.summary.max_deviation_um},
+                  {"rms_deviation_um", fit.summary.rms_deviation_um},
+                  {"rms_normal_deviation_urad", fit.summary.rms_normal_deviation_urad},
+                  {"crease_share", fit.summary.crease_share},
+                  {"face_deviation_um", solid.max_deviation_um},
+                  {"seconds", solid.seconds}};
+  cam["blank"] = {{"size_mm", {blank.size_mm.x(), blank.size_mm.y()}},
+                  {"height_mm", blank.height_mm},
+                  {"highest_mm", surface.highest()},
+                  {"lowest_mm", surface.lowest()}};
+  cam["reachable"] = {{"unreachable_area_mm2", reachable.unreachable_area_mm2},
+                      {"unreachable_share", reachable.unreachable_area_mm2 / (extent.size().x() * extent.size().y())},
+                      {"threshold_um", reachable.threshold_um},
+                      {"max_residue_um", reachable.max_residue_um},
+                      {"ball_radius_mm", job.finish.cutter.radius_mm()}};
+  return result;
+}
+
+}  // namespace lightmill

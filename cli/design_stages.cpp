@@ -1,0 +1,176 @@
+#include <algorithm>
+#include <cmath>
+
+#include "cli/npy.h"
+#include "cli/pictures.h"
+#include "cli/stage_runs.h"
+#include "design/caustic.h"
+#include "design/core/errors.h"
+
+namespace lightmill {
+
+using nlohmann::json;
+
+namespace {
+
+constexpr int kPicturePixels = 512;
+
+/// Site x, y, source mass, weight, target centroid x, y; beside it source centroid x, y and target mass.
+void write_map(const RunFolder& folder, const TransportMap& map) {
+  NpyTable table{6, {}};
+  NpyTable rest{3, {}};
+  for (std::size_t i = 0; i < map.sites_mm.size(); ++i) {
+    table.values.insert(table.values.end(), {map.sites_mm[i].x(), map.sites_mm[i].y(), map.source_masses[i], map.weights_mm2[i],
+                                             map.target_centroids_mm[i].x(), map.target_centroids_mm[i].y()});
+    rest.values.insert(rest.values.end(), {map.source_centroids_mm[i].x(), map.source_centroids_mm[i].y(), map.target_masses[i]});
+  }
+  write_npy(folder.file("design/transport.npy"), table);
+  write_npy(folder.file("design/transport_cells.npy"), rest);
+}
+
+TransportMap read_map(const RunFolder& folder) {
+  const NpyTable table = read_npy(folder.needed("design/transport.npy", "design"));
+  const NpyTable rest = read_npy(folder.needed("design/transport_cells.npy", "design"));
+  if (table.columns != 6 || rest.columns != 3 || table.rows() != rest.rows()) {
+    throw InputError(folder.file("design/transport.npy").string() + " and transport_cells.npy do not belong together; run lightmill design " +
+                     folder.root().string());
+  }
+  TransportMap map;
+  for (std::size_t i = 0; i < table.rows(); ++i) {
+    const double* a = &table.values[6 * i];
+    const double* b = &rest.values[3 * i];
+    map.sites_mm.emplace_back(a[0], a[1]);
+    map.source_masses.push_back(a[2]);
+    map.weights_mm2.push_back(a[3]);
+    map.target_centroids_mm.emplace_back(a[4], a[5]);
+    map.source_centroids_mm.emplace_back(b[0], b[1]);
+    map.target_masses.push_back(b[2]);
+  }
+  return map;
+}
+
+SourceLight source_of(const Job& job) {
+  SourceLight source;
+  source.shape = job.lens.shape == Lens::Shape::kDisk ? SourceLight::Shape::kDisk : SourceLight::Shape::kRectangle;
+  source.size_mm = job.lens.size_mm;
+  return source;
+}
+
+Vec2 picture_pixels(const Box2& extent) {
+  const Vec2 size = extent.size();
+  const double pixel = size.maxCoeff() / kPicturePixels;
+  return {std::max(1.0, std::round(size.x() / pixel)), std::max(1.0, std::round(size.y() / pixel))};
+}
+
+/// target.png: 16-bit linear, clipped where strokes and points are endlessly bright; target_view.png for the eye.
+double write_target_pictures(const Job& job, const RunFolder& folder, const TargetLight& target) {
+  const Vec2 pixels = picture_pixels(target.extent);
+  const Grid<double> flux = rasterise(target, static_cast<int>(pixels.x()), static_cast<int>(pixels.y()));
+  const double mean = 1.0 / static_cast<double>(flux.values.size());
+  const double brightest = *std::max_element(flux.values.begin(), flux.values.end()) / mean;
+  const double white = display_white(target);
+  const bool endless = !target.curves.empty() || !target.points.empty();
+  const double full_scale = endless ? std::min(brightest, 4 * white) : brightest;
+  Grid<float> linear(flux.width, flux.height);
+  for (std::size_t i = 0; i < linear.values.size(); ++i) linear.values[i] = static_cast<float>(flux.values[i] / mean / full_scale);
+  write_png16(folder.file("design/target.png"), as_seen(linear, job.receiver.viewed_from));
+  write_png8(folder.file("design/target_view.png"), display_picture(flux, job.receiver.viewed_from, white));
+  return full_scale;
+}
+
+}  // namespace
+
+TargetLight target_of(const Job& job) { return load_target(job.target); }
+
+double display_white(const TargetLight& target) {
+  const Vec2 pixels = picture_pixels(target.extent);
+  Grid<double> flux = rasterise(target, static_cast<int>(pixels.x()), static_cast<int>(pixels.y()));
+  const double mean = 1.0 / static_cast<double>(flux.values.size());
+  std::vector<double> lit;
+  for (const double f : flux.values) {
+    if (f > 0) lit.push_back(f / mean);
+  }
+  if (lit.empty()) return 1;
+  const auto place = lit.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(lit.size() - 1));
+  std::nth_element(lit.begin(), place, lit.end());
+  // Thin strokes on black: their pixels are few, and all are bright.
+  return std::clamp(*place, 1.0, 50.0);
+}
+
+json to_json(const CausticMeasures& measures) {
+  return {{"l1_error", measures.l1_error},
+          {"psnr_db", measures.psnr_db},
+          {"flux_outside_support", measures.flux_outside_support},
+          {"flux_totally_reflected", measures.flux_totally_reflected}};
+}
+
+StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor& monitor) {
+  const TargetLight target = target_of(job);
+  monitor.report("target read", 0);
+  const TransportMap map = solve_transport(source_of(job), target, job.transport, monitor);
+  const double full_scale = write_target_pictures(job, folder, target);
+  write_map(folder, map);
+
+  const TransportSummary& s = map.summary;
+  StageResult result;
+  result.report["design"]["transport"] = {{"samples", s.samples},
+                                          {"seconds", s.seconds},
+                                          {"iterations", s.iterations},
+                                          {"levels", s.levels},
+                                          {"l1_mass_error", s.l1_mass_error},
+                                          {"max_mass_error", s.max_mass_error},
+                                          {"empty_cells", s.empty_cells},
+                                          {"converged", s.converged},
+                                          {"reason", s.reason}};
+  result.report["design"]["target"] = {{"area_share", target.area_total()},
+                                       {"curve_share", target.curve_total()},
+                                       {"point_share", target.point_total()},
+                                       {"white_times_mean", display_white(target)},
+                                       {"png_full_scale_times_mean", full_scale},
+                                       {"warnings", target.warnings}};
+  result.files = {"design/target.png", "design/target_view.png", "design/transport.npy", "design/transport_cells.npy"};
+  return result;
+}
+
+StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& monitor) {
+  const TransportMap map = read_map(folder);
+  const OpticalSurface surface = solve_surface(job.lens, job.receiver, map, job.surface, monitor.part(0, 0.9));
+  write_ply(folder.file("design/surface.ply"), surface.mesh);
+
+  // Light through the surface as designed.
+  const TargetLight target = target_of(job);
+  CausticOptions options;
+  options.pixels = kPicturePixels;
+  options.angular_diameter_rad = job.light.angular_diameter_rad;
+  const Caustic caustic = trace_mesh(surface.mesh, job.lens, job.receiver, target.extent, options, monitor.part(0.9, 1));
+  const CausticMeasures measures = measure_caustic(caustic, target);
+  write_png8(folder.file("design/caustic.png"), display_picture(caustic.flux, job.receiver.viewed_from, display_white(target)));
+  // Irradiance as a multiple of what would be even over the picture, as its reader sees it.
+  Grid<float> irradiance(caustic.flux.width, caustic.flux.height);
+  for (std::size_t i = 0; i < irradiance.values.size(); ++i) {
+    irradiance.values[i] = static_cast<float>(caustic.flux.values[i] * static_cast<double>(irradiance.values.size()));
+  }
+  write_float_image(folder.file("design/caustic.exr"), as_seen(irradiance, job.receiver.viewed_from));
+  const Box2 extent = Box2::centred(job.lens.size_mm);
+  constexpr int kHeightPixels = 800;
+  write_height_picture(folder.file("design/heights.png"), rasterise_heights(surface.mesh, extent, kHeightPixels),
+                       extent.size().maxCoeff() / kHeightPixels);
+
+  const SurfaceSummary& s = surface.summary;
+  StageResult result;
+  result.report["design"]["surface"] = {{"vertices", s.vertices},
+                                        {"seconds", s.seconds},
+                                        {"outer_iterations", s.outer_iterations},
+                                        {"energy_history", s.energy_history},
+                                        {"inverted_triangles", s.inverted_triangles},
+                                        {"height_range_mm", s.height_range_mm},
+                                        {"min_concave_radius_mm", s.min_concave_radius_mm},
+                                        {"final_height_change_mm", s.final_height_change_mm},
+                                        {"reason", s.reason}};
+  result.report["design"]["caustic"] = to_json(measures);
+  result.report["design"]["caustic"]["flux_beside_picture"] = caustic.outside_extent;
+  result.files = {"design/surface.ply", "design/caustic.png", "design/caustic.exr", "design/heights.png"};
+  return result;
+}
+
+}  // namespace lightmill

@@ -1,0 +1,179 @@
+#include <algorithm>
+#include <chrono>
+#include <map>
+
+#include "cli/digest.h"
+#include "cli/pictures.h"
+#include "cli/simulation.h"
+#include "cli/spline_file.h"
+#include "cli/stage_runs.h"
+#include "design/core/errors.h"
+#include "design/core/files.h"
+#include "design/core/text.h"
+#include "machine/dry_run.h"
+#include "postproc/kinematics.h"
+
+namespace lightmill {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+namespace {
+
+json to_json(const Fault& fault) {
+  return {{"kind", fault.kind},       {"program", fault.program},
+          {"line", fault.line},       {"message", fault.message},
+          {"amount_mm", fault.amount_mm}, {"place_mm", {fault.place_mm.x(), fault.place_mm.y(), fault.place_mm.z()}}};
+}
+
+/// The programs in the order of their names, and a fault for each that is not what the post wrote.
+std::vector<fs::path> programs_of(const RunFolder& folder, std::vector<Fault>& faults) {
+  std::vector<fs::path> programs;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder.file("program"), error)) {
+    const std::string name = entry.path().filename().string();
+    if (!name.starts_with(".") && entry.path().extension() == ".nc") programs.push_back(entry.path());
+  }
+  if (programs.empty()) throw InputError("no program in " + folder.file("program").string() + "; make them with: lightmill post " + folder.root().string());
+  std::sort(programs.begin(), programs.end());
+
+  const json record = folder.record(Stage::kPost);
+  if (record.is_null()) return programs;
+  for (const auto& [name, what] : record["files"].items()) {
+    const fs::path path = folder.file(name);
+    const bool there = fs::exists(path, error);
+    if (there && sha256_of_file(path) == what["sha256"]) continue;
+    Fault fault;
+    fault.kind = "program_changed";
+    fault.program = path.filename().string();
+    fault.message = there ? name + " is not what the post wrote (lines lost or edited); write it again with: lightmill post"
+                          : name + " is missing; write it again with: lightmill post";
+    faults.push_back(fault);
+  }
+  return programs;
+}
+
+std::string place(const Vec2& p) { return "x " + fixed(p.x(), 2) + ", y " + fixed(p.y(), 2) + " mm"; }
+
+Fault surface_fault(const std::string& kind, const std::string& message, const Vec2& where, double amount_um) {
+  Fault fault;
+  fault.kind = kind;
+  fault.message = message;
+  fault.place_mm = Vec3(where.x(), where.y(), 0);
+  fault.amount_mm = amount_um / 1000;
+  return fault;
+}
+
+}  // namespace
+
+StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& monitor, const ShopOverrides& overrides) {
+  const auto started = std::chrono::steady_clock::now();
+  const SplineSurface design = read_spline(folder.needed("cam/spline.bin", "cam"));
+  const json cam = folder.report().value("cam", json::object());
+  if (!cam.contains("blank")) throw InputError("the tool paths of " + folder.root().string() + " are not there; run lightmill cam");
+  std::vector<Fault> faults;
+  const std::vector<fs::path> programs = programs_of(folder, faults);
+
+  // The shop floor as the job describes it, or as the overrides want it.
+  SimulatedShop shop;
+  shop.machine_file = overrides.machine_file.value_or(job.machine.file);
+  shop.cutter_files = overrides.cutter_files.empty()
+                          ? std::vector{job.rough.cutter_file, job.semi_finish.cutter_file, job.finish.cutter_file}
+                          : overrides.cutter_files;
+  shop.blank.size_mm = job.lens.size_mm;
+  shop.blank.height_mm = cam["blank"]["height_mm"];
+  shop.work_offset = overrides.work_offset.value_or(job.machine.work_offset);
+  shop.workpiece_origin_mm = work_on_table(read_machine(job.machine.file), overrides.workpiece_origin_mm.value_or(job.machine.workpiece_origin_mm),
+                                           shop.work_offset).origin_mm;
+  shop.pitch_um = job.dry_run.pitch_um;
+  shop.time_factor = job.dry_run.time_factor;
+  const SimulationOutcome outcome = simulate_programs(shop, programs, folder.file("dry_run"), monitor.part(0, 0.8));
+  faults.insert(faults.end(), outcome.faults.begin(), outcome.faults.end());
+
+  // What is left of the blank, against the very surface that was to be cut.
+  monitor.report("measuring the machined surface", 0.8);
+  const MachinedSurface machined = read_machined(folder.file("dry_run/machined.tif"));
+  DeviationOptions deviation_options;
+  deviation_options.finishing_ball_radius_mm = job.finish.cutter.radius_mm();
+  deviation_options.gouge_tolerance_um = job.dry_run.gouge_tolerance_um;
+  const Deviation deviation = measure_deviation(machined, design, deviation_options, monitor.part(0.8, 0.88));
+  if (deviation.max_gouge_um > job.dry_run.gouge_tolerance_um) {
+    faults.push_back(surface_fault("gouge", "cut " + fixed(deviation.max_gouge_um, 2) + " um below the reachable surface at " +
+                                   place(deviation.gouge_place_mm) + "; " + compact(job.dry_run.gouge_tolerance_um, 3) + " um are allowed",
+                                   deviation.gouge_place_mm, deviation.max_gouge_um));
+  }
+  if (deviation.max_cusp_um > job.dry_run.cusp_limit_um) {
+    faults.push_back(surface_fault("cusp", "material stands " + fixed(deviation.max_cusp_um, 2) + " um above the design at " +
+                                   place(deviation.cusp_place_mm) + " where the ball can reach; " + compact(job.dry_run.cusp_limit_um, 3) +
+                                   " um are promised", deviation.cusp_place_mm, deviation.max_cusp_um));
+  }
+  const double range = std::clamp(3 * std::max(deviation.p99_cusp_um, 0.5), 1.0, 1000.0);
+  write_deviation_picture(folder.file("dry_run/deviation.png"), deviation.deviation_um, range);
+
+  // Light through the machined surface, raw and polished.
+  const TargetLight target = target_of(job);
+  const double white = display_white(target);
+  CausticOptions options;
+  options.angular_diameter_rad = job.light.angular_diameter_rad;
+  const auto cast = [&](const Grid<float>& heights, const char* picture, const Monitor& part) {
+    const Caustic caustic = trace_heights(heights, machined.extent, job.lens, job.receiver, target.extent, options, part);
+    write_png8(folder.file(picture), display_picture(caustic.flux, job.receiver.viewed_from, white));
+    return to_json(measure_caustic(caustic, target));
+  };
+  StageResult result;
+  json& report = result.report["dry_run"];
+  report["caustic"]["raw"] = cast(machined.heights_mm, "dry_run/caustic_machined_raw.png", monitor.part(0.88, 0.93));
+  report["caustic"]["polished"] = cast(polish(machined.heights_mm, machined.pitch_mm, job.dry_run.polish_sigma_um),
+                                       "dry_run/caustic_machined.png", monitor.part(0.93, 1));
+
+  json list = json::array();
+  std::map<std::string, long> kinds;
+  for (const Fault& fault : faults) {
+    list.push_back(to_json(fault));
+    ++kinds[fault.kind];
+  }
+  json streams = json::array();
+  double stream_seconds = 0;
+  long stream_lines = 0;
+  for (std::size_t i = 0; i < outcome.streams.size(); ++i) {
+    const StreamResult& s = outcome.streams[i];
+    streams.push_back({{"program", programs[i].filename().string()}, {"end", stream_end_name(s.end)}, {"message", s.message},
+                       {"lines", s.lines_total}, {"acknowledged", s.lines_acknowledged}, {"bytes", s.bytes_sent},
+                       {"seconds", s.seconds}, {"highest_buffer_fill", s.highest_buffer_fill}});
+    stream_seconds += s.seconds;
+    stream_lines += s.lines_acknowledged;
+  }
+  write_whole(folder.file("dry_run/faults.json"), json({{"faults", list}, {"streams", streams}}).dump(2) + "\n");
+
+  report["faults"] = faults.size();
+  report["fault_kinds"] = kinds;
+  report["max_gouge_um"] = deviation.max_gouge_um;
+  report["max_cusp_um"] = deviation.max_cusp_um;
+  report["p99_cusp_um"] = deviation.p99_cusp_um;
+  report["residue_um"] = deviation.residue_um;
+  report["unreachable_area_mm2"] = deviation.unreachable_area_mm2;
+  report["gouge_place_mm"] = {deviation.gouge_place_mm.x(), deviation.gouge_place_mm.y()};
+  report["cusp_place_mm"] = {deviation.cusp_place_mm.x(), deviation.cusp_place_mm.y()};
+  report["deviation_picture_range_um"] = range;
+  report["gouge_tolerance_um"] = job.dry_run.gouge_tolerance_um;
+  report["cusp_limit_um"] = job.dry_run.cusp_limit_um;
+  report["polish_sigma_um"] = job.dry_run.polish_sigma_um;
+  report["limit_violations"] = kinds["limit"];
+  report["collisions"] = kinds["collision"] + kinds["rapid_in_stock"];
+  report["minutes"] = outcome.machine_minutes;
+  report["removed_mm3"] = outcome.removed_mm3;
+  report["link"] = {{"lines", outcome.lines},
+                    {"lines_per_second", stream_seconds > 0 ? static_cast<double>(stream_lines) / stream_seconds : 0},
+                    {"seconds", outcome.stream_seconds},
+                    {"bytes", outcome.bytes_received},
+                    {"bytes_lost", outcome.bytes_lost},
+                    {"highest_buffer_fill", outcome.highest_buffer_fill},
+                    {"digest_matches", outcome.digest_matches}};
+  report["streams"] = streams;
+  report["seconds"] = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+  result.files = {"dry_run/machined.tif", "dry_run/machined_peaks.tif", "dry_run/result.json", "dry_run/faults.json",
+                  "dry_run/deviation.png", "dry_run/caustic_machined.png", "dry_run/caustic_machined_raw.png"};
+  return result;
+}
+
+}  // namespace lightmill

@@ -1,0 +1,449 @@
+#include "cli/job.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <vector>
+
+#include "design/core/errors.h"
+#include "design/core/files.h"
+#include "design/core/toml_table.h"
+
+namespace lightmill {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kDegree = kPi / 180;
+
+/// The keys in the order in which people think of a job.
+constexpr std::array kSections = {"job",    "target", "lens",        "light",  "receiver", "transport",  "surface", "stock",
+                                  "rough",  "semi_finish", "finish", "machine", "controller", "dry_run", "stream"};
+
+/// Refuses what the design foresees and this version cannot do, in words that say so.
+void not_yet(TomlTable& table, std::string_view key, std::string_view what_works) {
+  if (table.has(key)) throw InputError(table.complaint(key, "not supported yet: " + std::string(what_works)));
+}
+
+/// A choice among values that are known, of which only the first works today.
+void only_choice(TomlTable& table, std::string_view key, const std::vector<std::string_view>& known) {
+  const std::string value = table.choice(key, known.front(), known);
+  if (value != known.front()) {
+    throw InputError(table.complaint(key, "not supported yet: use \"" + std::string(known.front()) + "\""));
+  }
+}
+
+void only_zero(TomlTable& table, std::string_view key, bool zero) {
+  if (!zero) throw InputError(table.complaint(key, "not supported yet: use 0"));
+}
+
+Vec2 positive2(TomlTable& table, std::string_view key, const Vec2& fallback) {
+  const Vec2 value = table.vector2(key, fallback);
+  if (!(value.minCoeff() > 0) || !value.allFinite() || value.maxCoeff() > 10000) {
+    throw InputError(table.complaint(key, "must be two numbers above 0 and at most 10000 mm"));
+  }
+  return value;
+}
+
+double positive(TomlTable& table, std::string_view key, double fallback, double most = 1e6) {
+  const double value = table.number(key, fallback);
+  if (!(value > 0 && value <= most)) {
+    throw InputError(table.complaint(key, "must be a number above 0 and at most " + std::to_string(std::lround(most))));
+  }
+  return value;
+}
+
+/// A path in the job; relative ones are relative to the job's folder. Empty stays empty.
+fs::path path_in(TomlTable& table, std::string_view key, const fs::path& folder, const fs::path& fallback = {}) {
+  const std::string text = table.text(key, "");
+  if (text.empty()) return fallback;
+  const fs::path path(text);
+  return fs::absolute(path.is_absolute() ? path : folder / path).lexically_normal();
+}
+
+void read_target(TomlTable table, const fs::path& folder, Job& job) {
+  TargetSpec& target = job.target;
+  target.image = path_in(table, "image", folder, target.image);
+  target.drawing = path_in(table, "drawing", folder, target.drawing);
+  if (target.image.empty() && target.drawing.empty()) {
+    throw InputError(table.complaint("image", "missing; name a picture (image = \"portrait.png\") or a drawing (drawing = \"signature.svg\")"));
+  }
+  target.size_mm = positive2(table, "size_mm", target.size_mm);
+  if (table.is_text("curve_flux")) {
+    table.choice("curve_flux", "auto", {"auto"});
+  } else if (table.has("curve_flux")) {
+    target.curve_flux = table.number_in("curve_flux", 0, 0, 1);
+  }
+  target.background = table.number_in("background", target.background, 0, 1000);
+  const std::string transfer = table.choice("transfer", "auto", {"auto", "srgb", "linear"});
+  target.transfer = transfer == "srgb" ? Transfer::kSrgb : transfer == "linear" ? Transfer::kLinear : Transfer::kAuto;
+  not_yet(table, "color_mask", "leave it out; the lens is colourless");
+}
+
+void read_lens(TomlTable table, Job& job) {
+  Lens& lens = job.lens;
+  not_yet(table, "outline", "use shape = \"rectangle\" or \"disk\" with size_mm");
+  lens.shape = table.choice("shape", "rectangle", {"rectangle", "disk"}) == "disk" ? Lens::Shape::kDisk : Lens::Shape::kRectangle;
+  lens.size_mm = positive2(table, "size_mm", lens.size_mm);
+  if (lens.shape == Lens::Shape::kDisk && lens.size_mm.x() != lens.size_mm.y()) {
+    throw InputError(table.complaint("size_mm", "must be the diameter twice for shape = \"disk\""));
+  }
+  lens.thickness_mm = positive(table, "thickness_mm", lens.thickness_mm, 1000);
+  lens.refractive_index = table.number_in("refractive_index", lens.refractive_index, 1.05, 4);
+  if (!table.is_text("base")) not_yet(table, "base", "use base = \"flat\"");
+  only_choice(table, "base", {"flat", "mesh"});
+}
+
+void read_light(TomlTable table, Job& job) {
+  only_choice(table, "kind", {"parallel", "point", "mesh"});
+  const Vec3 direction = table.vector3("direction", Vec3::UnitZ());
+  if (direction != Vec3::UnitZ()) throw InputError(table.complaint("direction", "not supported yet: use [0, 0, 1]"));
+  only_choice(table, "profile", {"uniform", "gaussian", "image"});
+  job.light.angular_diameter_rad = kDegree * table.number_in("angular_diameter_deg", 0, 0, 20);
+}
+
+void read_receiver(TomlTable table, Job& job) {
+  job.receiver.distance_mm = positive(table, "distance_mm", job.receiver.distance_mm, 1e6);
+  const bool behind = table.choice("viewed_from", "lens", {"lens", "behind"}) == "behind";
+  job.receiver.viewed_from = job.target.viewed_from = behind ? ViewedFrom::kBehind : ViewedFrom::kLens;
+  only_zero(table, "tilt_deg", table.vector2("tilt_deg", Vec2::Zero()).isZero(0));
+  only_zero(table, "shift_mm", table.vector2("shift_mm", Vec2::Zero()).isZero(0));
+}
+
+void read_transport(TomlTable table, Job& job) {
+  TransportOptions& o = job.transport;
+  o.samples = table.integer_in("samples", o.samples, 16, 16'000'000);
+  o.l1_tolerance = table.number_in("l1_tolerance", o.l1_tolerance, 1e-12, 1);
+  o.max_tolerance = table.number_in("max_tolerance", o.max_tolerance, 1e-12, 10);
+  o.max_iterations = table.integer_in("max_iterations", o.max_iterations, 1, 1'000'000);
+  o.point_radius_mm = positive(table, "point_radius_mm", o.point_radius_mm, 10);
+  o.seed = static_cast<std::uint64_t>(table.integer_in("seed", static_cast<int>(o.seed), 0, 2'147'483'647));
+}
+
+void read_surface(TomlTable table, Job& job) {
+  SurfaceOptions& o = job.surface;
+  o.mesh = table.integer_in("mesh", o.mesh, 5, 8193);
+  o.outer_iterations = table.integer_in("outer_iterations", o.outer_iterations, 1, 1000);
+  o.height_tolerance_mm = table.number_in("height_tolerance_um", o.height_tolerance_mm * 1000, 0, 1000) / 1000;
+  TomlTable weights = table.table("weights");
+  o.weights.integration = positive(weights, "integration", o.weights.integration);
+  o.weights.barrier = weights.number_in("barrier", o.weights.barrier, 0, 1e9);
+  o.weights.direction = weights.number_in("direction", o.weights.direction, 0, 1e9);
+  o.weights.flux = weights.number_in("flux", o.weights.flux, 0, 1e9);
+  o.weights.smoothness = weights.number_in("smoothness", o.weights.smoothness, 0, 1e9);
+}
+
+void read_stock(TomlTable table, Job& job) {
+  StockSpec& stock = job.stock;
+  if (table.is_text("height_mm")) {
+    table.choice("height_mm", "auto", {"auto"});
+  } else if (table.has("height_mm")) {
+    stock.height_mm = positive(table, "height_mm", 0, 1000);
+  }
+  stock.allowance_mm = table.number_in("allowance_mm", stock.allowance_mm, 0, 100);
+  stock.material = table.text("material", stock.material);
+  stock.work_holding = table.text("work_holding", stock.work_holding);
+}
+
+/// The cutter of a pass, with the job's own cutting data over the file's.
+void read_pass_cutter(TomlTable& table, const fs::path& folder, const fs::path& fallback, fs::path& file, Cutter& cutter) {
+  file = path_in(table, "cutter", folder, fallback);
+  cutter = read_cutter(file);
+  cutter.spindle_rpm = positive(table, "spindle_rpm", cutter.spindle_rpm, 500000);
+  cutter.feed_per_tooth_mm = positive(table, "feed_per_tooth_mm", cutter.feed_per_tooth_mm, 5);
+}
+
+void read_rough(TomlTable table, const fs::path& folder, Job& job) {
+  RoughPass& pass = job.rough;
+  read_pass_cutter(table, folder, fixtures_folder() / "cutters/rough_10mm.toml", pass.cutter_file, pass.cutter);
+  only_choice(table, "axis", {"vertical", "fixed", "lead_tilt"});
+  RoughOptions& o = pass.options;
+  o.allowance_mm = table.number_in("allowance_mm", o.allowance_mm, 0.01, 10);
+  o.stepdown_mm = positive(table, "stepdown_mm", o.stepdown_mm, 50);
+  o.stepover_mm = positive(table, "stepover_mm", o.stepover_mm, 50);
+  if (o.stepover_mm > pass.cutter.diameter_mm) {
+    throw InputError(table.complaint("stepover_mm", "must be at most the cutter's diameter, " + std::to_string(pass.cutter.diameter_mm) + " mm"));
+  }
+  o.link_feed_mm_per_s = positive(table, "link_feed_mm_per_min", o.link_feed_mm_per_s * 60, 1e5) / 60;
+  o.clearance_mm = positive(table, "clearance_mm", o.clearance_mm, 500);
+}
+
+void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fallback, BallPass& pass) {
+  read_pass_cutter(table, folder, fallback, pass.cutter_file, pass.cutter);
+  if (!pass.cutter.is_ball()) throw InputError(table.complaint("cutter", "must be a ball cutter (corner radius half the diameter): " + pass.cutter_file.string()));
+  not_yet(table, "blur_mm", "use cusp_um");
+  not_yet(table, "stepover_mm", "use cusp_um; the stepover follows from it");
+  only_choice(table, "strategy", {"one_way", "zig_zag", "spiral"});
+  FinishOptions& o = pass.options;
+  o.cusp_um = table.number_in("cusp_um", o.cusp_um, 0.01, 1000);
+  o.allowance_mm = table.number_in("allowance_mm", o.allowance_mm, 0, 5);
+  const std::string axis = table.choice("axis", o.axis == AxisPolicy::kFixed ? "fixed" : o.axis == AxisPolicy::kVertical ? "vertical" : "lead_tilt",
+                                        {"fixed", "vertical", "lead_tilt"});
+  o.axis = axis == "fixed" ? AxisPolicy::kFixed : axis == "vertical" ? AxisPolicy::kVertical : AxisPolicy::kLeadTilt;
+  o.tilt_rad = kDegree * table.number_in("tilt_deg", o.tilt_rad / kDegree, 0, 80);
+  o.tilt_direction_rad = kDegree * table.number_in("tilt_direction_deg", o.tilt_direction_rad / kDegree, -360, 360);
+  o.chord_tolerance_mm = table.number_in("chord_tolerance_um", o.chord_tolerance_mm * 1000, 0.001, 1000) / 1000;
+  o.longest_segment_mm = positive(table, "longest_segment_mm", o.longest_segment_mm, 100);
+  o.link_feed_mm_per_s = positive(table, "link_feed_mm_per_min", o.link_feed_mm_per_s * 60, 1e5) / 60;
+  o.clearance_mm = positive(table, "clearance_mm", o.clearance_mm, 500);
+}
+
+void read_machine_section(TomlTable table, const fs::path& folder, Job& job) {
+  job.machine.file = path_in(table, "file", folder, fixtures_folder() / "machines/hsm400u_grblhal.toml");
+  job.machine.workpiece_origin_mm = table.vector3("workpiece_origin_mm", job.machine.workpiece_origin_mm);
+  job.machine.work_offset = table.integer_in("work_offset", job.machine.work_offset, 54, 59);
+}
+
+void read_controller(TomlTable table, Job& job) {
+  only_choice(table, "dialect", {"grblhal", "linuxcnc", "heidenhain"});
+  only_choice(table, "tcp", {"off", "on"});
+  job.controller.decimals = table.integer_in("decimals", job.controller.decimals, 4, 6);
+  job.controller.block_numbers = table.boolean("block_numbers", job.controller.block_numbers);
+  job.controller.tip_tolerance_um = table.number_in("tip_tolerance_um", job.controller.tip_tolerance_um, 0.001, 1000);
+}
+
+void read_dry_run(TomlTable table, Job& job) {
+  DryRunSpec& o = job.dry_run;
+  o.pitch_um = table.number_in("pitch_um", o.pitch_um, 1, 1000);
+  o.polish_sigma_um = table.number_in("polish_sigma_um", o.polish_sigma_um, 0, 10000);
+  o.gouge_tolerance_um = table.number_in("gouge_tolerance_um", o.gouge_tolerance_um, 0, 1000);
+  // The plan keeps a margin below what is promised: 1.3 um planned, 1.5 um promised.
+  const double promise = job.finish.options.cusp_um + std::max(0.2, 0.15 * job.finish.options.cusp_um);
+  o.cusp_limit_um = table.number_in("cusp_limit_um", promise, 0, 10000);
+  o.time_factor = table.number_in("time_factor", o.time_factor, 0, 1e6);
+  not_yet(table, "faults", "plant faults by dry-run's --machine, --cutters and --work-offset");
+  not_yet(table, "error_model", "leave it out");
+}
+
+void read_stream(TomlTable table, Job& job) {
+  job.stream.port = table.text("port", job.stream.port);
+  job.stream.baud = table.integer_in("baud", job.stream.baud, 300, 4'000'000);
+  only_choice(table, "protocol", {"grblhal"});
+}
+
+Job read_table(TomlTable root, const fs::path& folder, Job job) {
+  TomlTable general = root.table("job");
+  job.name = general.text("name", job.name);
+  const fs::path cutters = fixtures_folder() / "cutters";
+  job.semi_finish.options.pass = "semi_finish";
+  job.semi_finish.options.cusp_um = 10;
+  job.semi_finish.options.allowance_mm = 0.05;
+  job.finish.options.pass = "finish";
+  read_target(root.table("target"), folder, job);
+  read_lens(root.table("lens"), job);
+  read_light(root.table("light"), job);
+  read_receiver(root.table("receiver"), job);
+  read_transport(root.table("transport"), job);
+  read_surface(root.table("surface"), job);
+  read_stock(root.table("stock"), job);
+  read_rough(root.table("rough"), folder, job);
+  read_ball_pass(root.table("semi_finish"), folder, cutters / "semi_finish_4mm_ball.toml", job.semi_finish);
+  read_ball_pass(root.table("finish"), folder, cutters / "finish_4mm_ball.toml", job.finish);
+  read_machine_section(root.table("machine"), folder, job);
+  read_controller(root.table("controller"), job);
+  read_dry_run(root.table("dry_run"), job);
+  read_stream(root.table("stream"), job);
+  root.finish();
+  if (job.rough.options.allowance_mm <= job.semi_finish.options.allowance_mm) {
+    throw InputError("rough.allowance_mm must be above semi_finish.allowance_mm, or semi-finishing finds nothing to cut");
+  }
+  if (job.semi_finish.options.allowance_mm < job.finish.options.allowance_mm) {
+    throw InputError("semi_finish.allowance_mm must be at least finish.allowance_mm");
+  }
+  return job;
+}
+
+bool is_picture(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(), [](char c) { return c >= 'A' && c <= 'Z' ? char(c + 32) : c; });
+  for (const char* known : {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".bmp", ".pgm", ".ppm", ".webp", ".svg"}) {
+    if (extension == known) return true;
+  }
+  return false;
+}
+
+/// Lines of `key = value`. 12 significant digits, so that a unit conversion and back writes the same text.
+class Section {
+ public:
+  Section& put(std::string_view key, double value) { return line(key, number(value)); }
+  Section& put(std::string_view key, int value) { return line(key, std::to_string(value)); }
+  Section& put(std::string_view key, bool value) { return line(key, value ? "true" : "false"); }
+  Section& put(std::string_view key, const Vec2& v) { return line(key, "[" + number(v.x()) + ", " + number(v.y()) + "]"); }
+  Section& put(std::string_view key, const Vec3& v) {
+    return line(key, "[" + number(v.x()) + ", " + number(v.y()) + ", " + number(v.z()) + "]");
+  }
+  Section& put(std::string_view key, const char* value) { return put(key, std::string(value)); }
+  Section& put(std::string_view key, const fs::path& value) { return put(key, value.string()); }
+  Section& put(std::string_view key, const std::string& value) {
+    std::string quoted = "\"";
+    for (const char c : value) {
+      if (c == '"' || c == '\\') {
+        quoted += '\\';
+        quoted += c;
+      } else if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) {
+        quoted += "\\u00";
+        quoted += "0123456789ABCDEF"[(c >> 4) & 15];
+        quoted += "0123456789ABCDEF"[c & 15];
+      } else {
+        quoted += c;
+      }
+    }
+    return line(key, quoted + "\"");
+  }
+  operator std::string() const { return text_; }
+
+  static std::string number(double value) {
+    char buffer[64];
+    const auto end = std::to_chars(buffer, buffer + sizeof buffer, value == 0 ? 0.0 : value, std::chars_format::general, 12).ptr;
+    std::string text(buffer, end);
+    if (text.find_first_of(".e") == std::string::npos) text += ".0";
+    return text;
+  }
+
+ private:
+  Section& line(std::string_view key, const std::string& value) {
+    text_ += std::string(key) + " = " + value + "\n";
+    return *this;
+  }
+  std::string text_;
+};
+
+std::string ball_section(const BallPass& pass) {
+  const FinishOptions& o = pass.options;
+  return Section()
+      .put("cutter", pass.cutter_file)
+      .put("spindle_rpm", pass.cutter.spindle_rpm)
+      .put("feed_per_tooth_mm", pass.cutter.feed_per_tooth_mm)
+      .put("strategy", "one_way")
+      .put("cusp_um", o.cusp_um)
+      .put("allowance_mm", o.allowance_mm)
+      .put("axis", o.axis == AxisPolicy::kFixed ? "fixed" : o.axis == AxisPolicy::kVertical ? "vertical" : "lead_tilt")
+      .put("tilt_deg", o.tilt_rad / kDegree)
+      .put("tilt_direction_deg", o.tilt_direction_rad / kDegree)
+      .put("chord_tolerance_um", o.chord_tolerance_mm * 1000)
+      .put("longest_segment_mm", o.longest_segment_mm)
+      .put("link_feed_mm_per_min", o.link_feed_mm_per_s * 60)
+      .put("clearance_mm", o.clearance_mm);
+}
+
+}  // namespace
+
+fs::path fixtures_folder() {
+  const char* chosen = std::getenv("LIGHTMILL_FIXTURES");
+  return chosen && *chosen ? fs::absolute(chosen) : fs::path(LIGHTMILL_FIXTURES);
+}
+
+Job read_job_text(std::string_view toml, const std::string& name, const fs::path& folder) {
+  Job job;
+  job.name = fs::path(name).stem().string();
+  return read_table(TomlTable::from_text(toml, name), folder, job);
+}
+
+Job read_job(const fs::path& job_or_picture) {
+  const fs::path path = fs::absolute(job_or_picture).lexically_normal();
+  std::error_code error;
+  if (!fs::exists(path, error)) throw InputError(job_or_picture.string() + " does not exist; name a job (.toml) or a picture (.png, .svg)");
+  if (!is_picture(path)) return read_job_text(read_whole(path), job_or_picture.string(), path.parent_path());
+  Job job;
+  job.name = path.stem().string();
+  (path.extension() == ".svg" || path.extension() == ".SVG" ? job.target.drawing : job.target.image) = path;
+  return read_table(TomlTable::from_text("", job_or_picture.string()), path.parent_path(), job);
+}
+
+std::map<std::string, std::string> resolved_sections(const Job& job) {
+  std::map<std::string, std::string> sections;
+  sections["job"] = Section().put("name", job.name);
+  Section target;
+  if (!job.target.image.empty()) target.put("image", job.target.image);
+  if (!job.target.drawing.empty()) target.put("drawing", job.target.drawing);
+  target.put("size_mm", job.target.size_mm);
+  if (job.target.curve_flux < 0) {
+    target.put("curve_flux", "auto");
+  } else {
+    target.put("curve_flux", job.target.curve_flux);
+  }
+  target.put("background", job.target.background)
+      .put("transfer", job.target.transfer == Transfer::kAuto ? "auto" : job.target.transfer == Transfer::kSrgb ? "srgb" : "linear");
+  sections["target"] = target;
+  sections["lens"] = Section()
+                         .put("shape", job.lens.shape == Lens::Shape::kDisk ? "disk" : "rectangle")
+                         .put("size_mm", job.lens.size_mm)
+                         .put("thickness_mm", job.lens.thickness_mm)
+                         .put("refractive_index", job.lens.refractive_index)
+                         .put("base", "flat");
+  sections["light"] = Section()
+                          .put("kind", "parallel")
+                          .put("direction", Vec3(0, 0, 1))
+                          .put("profile", "uniform")
+                          .put("angular_diameter_deg", job.light.angular_diameter_rad / kDegree);
+  sections["receiver"] = Section()
+                             .put("distance_mm", job.receiver.distance_mm)
+                             .put("viewed_from", job.receiver.viewed_from == ViewedFrom::kLens ? "lens" : "behind");
+  sections["transport"] = Section()
+                              .put("samples", job.transport.samples)
+                              .put("l1_tolerance", job.transport.l1_tolerance)
+                              .put("max_tolerance", job.transport.max_tolerance)
+                              .put("max_iterations", job.transport.max_iterations)
+                              .put("point_radius_mm", job.transport.point_radius_mm)
+                              .put("seed", static_cast<int>(job.transport.seed));
+  const SurfaceWeights& w = job.surface.weights;
+  sections["surface"] = std::string(Section()
+                                        .put("mesh", job.surface.mesh)
+                                        .put("outer_iterations", job.surface.outer_iterations)
+                                        .put("height_tolerance_um", job.surface.height_tolerance_mm * 1000)) +
+                        "weights = { integration = " + Section::number(w.integration) + ", barrier = " + Section::number(w.barrier) +
+                        ", direction = " + Section::number(w.direction) + ", flux = " + Section::number(w.flux) +
+                        ", smoothness = " + Section::number(w.smoothness) + " }\n";
+  Section stock;
+  if (job.stock.height_mm) {
+    stock.put("height_mm", *job.stock.height_mm);
+  } else {
+    stock.put("height_mm", "auto");
+  }
+  sections["stock"] = stock.put("allowance_mm", job.stock.allowance_mm)
+                          .put("material", job.stock.material)
+                          .put("work_holding", job.stock.work_holding);
+  const RoughOptions& r = job.rough.options;
+  sections["rough"] = Section()
+                          .put("cutter", job.rough.cutter_file)
+                          .put("spindle_rpm", job.rough.cutter.spindle_rpm)
+                          .put("feed_per_tooth_mm", job.rough.cutter.feed_per_tooth_mm)
+                          .put("axis", "vertical")
+                          .put("allowance_mm", r.allowance_mm)
+                          .put("stepdown_mm", r.stepdown_mm)
+                          .put("stepover_mm", r.stepover_mm)
+                          .put("link_feed_mm_per_min", r.link_feed_mm_per_s * 60)
+                          .put("clearance_mm", r.clearance_mm);
+  sections["semi_finish"] = ball_section(job.semi_finish);
+  sections["finish"] = ball_section(job.finish);
+  sections["machine"] = Section()
+                            .put("file", job.machine.file)
+                            .put("workpiece_origin_mm", job.machine.workpiece_origin_mm)
+                            .put("work_offset", job.machine.work_offset);
+  sections["controller"] = Section()
+                               .put("dialect", job.controller.dialect)
+                               .put("tcp", "off")
+                               .put("decimals", job.controller.decimals)
+                               .put("block_numbers", job.controller.block_numbers)
+                               .put("tip_tolerance_um", job.controller.tip_tolerance_um);
+  sections["dry_run"] = Section()
+                            .put("pitch_um", job.dry_run.pitch_um)
+                            .put("polish_sigma_um", job.dry_run.polish_sigma_um)
+                            .put("gouge_tolerance_um", job.dry_run.gouge_tolerance_um)
+                            .put("cusp_limit_um", job.dry_run.cusp_limit_um)
+                            .put("time_factor", job.dry_run.time_factor);
+  sections["stream"] = Section().put("port", job.stream.port).put("baud", job.stream.baud).put("protocol", "grblhal");
+  return sections;
+}
+
+std::string resolved_toml(const Job& job) {
+  const auto sections = resolved_sections(job);
+  std::string text = "# The whole job with every default explicit. Written by lightmill " LIGHTMILL_VERSION ".\n";
+  for (const char* name : kSections) text += "\n[" + std::string(name) + "]\n" + sections.at(name);
+  return text;
+}
+
+}  // namespace lightmill

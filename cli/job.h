@@ -1,0 +1,102 @@
+// A whole job as plain data: what the TOML file says, every default filled in.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "cam/cutter.h"
+#include "cam/finishing.h"
+#include "cam/roughing.h"
+#include "design/optics.h"
+#include "design/surface.h"
+#include "design/target.h"
+#include "design/transport.h"
+
+namespace lightmill {
+
+struct LightSpec {
+  double angular_diameter_rad = 0;      ///< blurs the predicted picture only
+};
+
+struct StockSpec {
+  std::optional<double> height_mm;      ///< empty: "auto", what thickness, relief and allowance ask for
+  double allowance_mm = 0.5;            ///< material above the highest point of the lens, for "auto"
+  std::string material = "PMMA, cast, annealed";
+  std::string work_holding = "flat back on a vacuum plate or double-sided tape; all four sides and the top free";
+};
+
+struct RoughPass {
+  std::filesystem::path cutter_file;
+  Cutter cutter;                        ///< with the job's own spindle speed and feed per tooth
+  RoughOptions options;
+};
+
+struct BallPass {
+  std::filesystem::path cutter_file;
+  Cutter cutter;
+  FinishOptions options;
+};
+
+struct MachineSpec {
+  std::filesystem::path file;
+  Vec3 workpiece_origin_mm = Vec3::Zero();  ///< of the blank's back centre from the table's centre, joints at zero
+  int work_offset = 54;
+};
+
+struct ControllerSpec {
+  std::string dialect = "grblhal";
+  int decimals = 5;
+  bool block_numbers = false;
+  double tip_tolerance_um = 0.2;
+};
+
+struct DryRunSpec {
+  double pitch_um = 20;
+  double polish_sigma_um = 100;         ///< hand polish as a Gaussian low-pass of the heights; 0: as milled
+  double gouge_tolerance_um = 1;        ///< deeper below the reachable surface is a fault
+  double cusp_limit_um = 1.5;           ///< higher where the surface is reachable is a fault
+  double time_factor = 0;               ///< 0: the simulated machine runs as fast as it can
+};
+
+struct StreamSpec {
+  std::string port;
+  int baud = 115200;
+};
+
+struct Job {
+  std::string name;                     ///< of the part, for programs and pages
+  TargetSpec target;
+  Lens lens;
+  LightSpec light;
+  Receiver receiver;
+  TransportOptions transport;
+  SurfaceOptions surface;
+  StockSpec stock;
+  RoughPass rough;
+  BallPass semi_finish;
+  BallPass finish;
+  MachineSpec machine;
+  ControllerSpec controller;
+  DryRunSpec dry_run;
+  StreamSpec stream;
+};
+
+/// Reads a job file, or makes the default job of a picture (.png, .svg, .tif, .exr, ...). Relative paths in a job are
+/// relative to the job file. Throws InputError naming file, line, key, value and rule.
+Job read_job(const std::filesystem::path& job_or_picture);
+
+/// Reads a job from text; `folder` is what relative paths are relative to.
+Job read_job_text(std::string_view toml, const std::string& name, const std::filesystem::path& folder);
+
+/// The job as TOML with every default explicit and absolute paths, by section in the order of the file.
+/// read_job_text(resolved_toml(job)) is the same job up to 12 digits.
+std::map<std::string, std::string> resolved_sections(const Job& job);
+std::string resolved_toml(const Job& job);
+
+/// Where the cutters and machines that come with Lightmill are (environment LIGHTMILL_FIXTURES, or the source tree).
+std::filesystem::path fixtures_folder();
+
+}  // namespace lightmill

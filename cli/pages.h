@@ -1,0 +1,20 @@
+// The two pages of a run folder for people: report.html to judge the part, setup_sheet.html to mill it.
+#pragma once
+
+#include <string>
+
+#include "cli/job.h"
+#include "cli/run_folder.h"
+
+namespace lightmill {
+
+/// Writes both from what the folder holds now; the setup sheet only when there are programs.
+void write_pages(const Job& job, const RunFolder& folder);
+
+std::string report_page(const Job& job, const RunFolder& folder);
+std::string setup_page(const Job& job, const RunFolder& folder);
+
+/// Text in HTML.
+std::string escaped(std::string_view text);
+
+}  // namespace lightmill

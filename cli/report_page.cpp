@@ -1,0 +1,268 @@
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "cli/pages.h"
+#include "cli/stage_runs.h"
+#include "design/core/files.h"
+#include "design/core/text.h"
+
+namespace lightmill {
+
+using nlohmann::json;
+
+namespace {
+
+constexpr const char* kStyle = R"(
+:root { --ink: #1c2430; --soft: #5b6675; --line: #dde2e8; --ground: #f5f6f8; --good: #1d7a46; --bad: #b3261e; --maybe: #a15c00; }
+* { box-sizing: border-box; }
+body { margin: 0; font: 15px/1.5 "Segoe UI", "Helvetica Neue", "DejaVu Sans", Arial, sans-serif; color: var(--ink); background: var(--ground); }
+main { max-width: 1240px; margin: 0 auto; padding: 28px 24px 60px; }
+h1 { font-size: 28px; margin: 0; letter-spacing: -0.01em; }
+h2 { font-size: 19px; margin: 38px 0 12px; }
+p { margin: 6px 0; }
+.soft { color: var(--soft); }
+.verdict { margin: 18px 0 0; padding: 14px 18px; border-radius: 8px; background: #fff; border-left: 6px solid var(--soft); font-size: 17px; }
+.verdict.good { border-color: var(--good); } .verdict.good b { color: var(--good); }
+.verdict.bad { border-color: var(--bad); } .verdict.bad b { color: var(--bad); }
+.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(260px, 1fr)); gap: 14px; }
+figure { margin: 0; background: #fff; border: 1px solid var(--line); border-radius: 8px; overflow: hidden; }
+figure img { display: block; width: 100%; }
+.light img { background: #000; image-rendering: auto; }
+figcaption { padding: 9px 12px 11px; font-size: 13.5px; color: var(--soft); }
+figcaption b { display: block; color: var(--ink); font-size: 15px; }
+table { border-collapse: collapse; width: 100%; background: #fff; border: 1px solid var(--line); border-radius: 8px; }
+th, td { text-align: left; padding: 7px 12px; border-bottom: 1px solid var(--line); vertical-align: top; }
+th { font-size: 13px; color: var(--soft); font-weight: 600; }
+tr:last-child td { border-bottom: 0; }
+td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.group td { background: #eef1f4; font-weight: 600; }
+.ok { color: var(--good); font-weight: 600; } .no { color: var(--bad); font-weight: 700; }
+.legend { height: 14px; border-radius: 3px; margin: 10px 0 2px; background: linear-gradient(to right, #173d8c, #73a6d9, #f5f5f2, #e88f6b, #9e1724); }
+.ends { display: flex; justify-content: space-between; font-size: 13px; color: var(--soft); }
+ul { margin: 6px 0; padding-left: 22px; } li { margin: 4px 0; }
+.warn { background: #fff8ec; border: 1px solid #f0d9b0; border-radius: 8px; padding: 10px 16px; }
+code { font: 13px/1.4 "DejaVu Sans Mono", Consolas, monospace; background: #eef1f4; padding: 1px 5px; border-radius: 4px; }
+@media print { body { background: #fff; } main { padding: 0; } figure, table { break-inside: avoid; } }
+)";
+
+/// Rows of the table of figures; a figure that is not there yet leaves no row.
+class Figures {
+ public:
+  explicit Figures(const json& report) : report_(report) {}
+
+  void group(const std::string& title) { pending_ = "<tr class=group><td colspan=4>" + escaped(title) + "</td></tr>\n"; }
+
+  /// `unit_factor` turns the report's unit into the shown one. `limit`: at most this is good.
+  void row(const char* pointer, const std::string& what, const std::string& unit, int decimals, std::optional<double> limit = {},
+           double unit_factor = 1) {
+    const json::json_pointer p(pointer);
+    if (!report_.contains(p) || !report_.at(p).is_number()) return;
+    const double value = report_.at(p).get<double>() * unit_factor;
+    std::string verdict;
+    std::string limit_text;
+    if (limit) {
+      // A figure at its limit is good whatever the last bit says.
+      const bool good = value <= *limit * (1 + 1e-12);
+      limit_text = *limit == 0 ? "none" : "at most " + compact(*limit, 6);
+      verdict = good ? "<span class=ok>ok</span>" : "<span class=no>too high</span>";
+    }
+    line(what, fixed(value, decimals) + (unit.empty() ? "" : " " + unit), limit_text, verdict);
+  }
+  void flag(const char* pointer, const std::string& what, const std::string& yes, const std::string& no) {
+    const json::json_pointer p(pointer);
+    if (!report_.contains(p) || !report_.at(p).is_boolean()) return;
+    const bool good = report_.at(p).get<bool>();
+    line(what, good ? yes : no, yes, good ? "<span class=ok>ok</span>" : "<span class=no>no</span>");
+  }
+  [[nodiscard]] std::string table() const {
+    return "<table><tr><th>figure</th><th style=\"text-align:right\">value</th><th>limit</th><th></th></tr>\n" + rows_ + "</table>\n";
+  }
+
+ private:
+  void line(const std::string& what, const std::string& value, const std::string& limit, const std::string& verdict) {
+    rows_ += pending_ + "<tr><td>" + escaped(what) + "</td><td class=number>" + escaped(value) + "</td><td class=soft>" +
+             escaped(limit) + "</td><td>" + verdict + "</td></tr>\n";
+    pending_.clear();
+  }
+  const json& report_;
+  std::string rows_, pending_;
+};
+
+/// A figure element, or nothing while the picture is not there.
+std::string picture(const RunFolder& folder, const std::string& relative, const std::string& title, const std::string& caption,
+                    bool light = false) {
+  std::error_code error;
+  if (!std::filesystem::exists(folder.file(relative), error)) return "";
+  return "<figure" + std::string(light ? " class=light" : "") + "><a href=\"" + relative + "\"><img src=\"" + relative + "\" alt=\"" +
+         escaped(title) + "\"></a><figcaption><b>" + escaped(title) + "</b>" + escaped(caption) + "</figcaption></figure>\n";
+}
+
+std::string number_at(const json& report, const char* pointer, int decimals) {
+  const json::json_pointer p(pointer);
+  return report.contains(p) && report.at(p).is_number() ? fixed(report.at(p).get<double>(), decimals) : "?";
+}
+
+std::string caustic_caption(const json& report, const std::string& where) {
+  return "error " + number_at(report, (where + "/l1_error").c_str(), 3) + ", " + number_at(report, (where + "/psnr_db").c_str(), 1) +
+         " dB, beside the motif " + fixed(100 * std::strtod(number_at(report, (where + "/flux_outside_support").c_str(), 6).c_str(), nullptr), 1) + " %";
+}
+
+std::string verdict_box(const json& report, const RunFolder& folder) {
+  if (!report.contains("/dry_run/faults"_json_pointer)) {
+    return "<div class=verdict><b>Not dry-run yet.</b> Run <code>lightmill make</code> to the end before anything is milled.</div>\n";
+  }
+  const int faults = report.at("/dry_run/faults"_json_pointer).get<int>();
+  if (faults == 0) {
+    return "<div class=\"verdict good\"><b>The dry run found no fault.</b> The simulated machine milled the part from the programs' text alone: "
+           "deepest gouge " + number_at(report, "/dry_run/max_gouge_um", 2) + " &micro;m, highest cusp " + number_at(report, "/dry_run/max_cusp_um", 2) +
+           " &micro;m. <a href=\"setup_sheet.html\">Setup sheet</a></div>\n";
+  }
+  (void)folder;
+  return "<div class=\"verdict bad\"><b>Do not mill: the dry run found " + std::to_string(faults) + (faults == 1 ? " fault" : " faults") +
+         ".</b> They are <a href=\"#faults\">listed below</a>.</div>\n";
+}
+
+std::string faults_table(const RunFolder& folder) {
+  std::error_code error;
+  if (!std::filesystem::exists(folder.file("dry_run/faults.json"), error)) return "";
+  const json list = json::parse(read_whole(folder.file("dry_run/faults.json")), nullptr, false);
+  if (!list.is_object() || !list.contains("faults")) return "";
+  std::string html = "<h2 id=faults>Faults</h2>\n";
+  const json& faults = list["faults"];
+  if (faults.empty()) return html + "<p>None.</p>\n";
+  html += "<table><tr><th>kind</th><th>program</th><th>line</th><th>what</th><th>where (part, mm)</th></tr>\n";
+  constexpr std::size_t kMostRows = 60;
+  for (std::size_t i = 0; i < std::min(faults.size(), kMostRows); ++i) {
+    const json& f = faults[i];
+    const json at = f.value("place_mm", json::array());
+    std::string where;
+    for (const auto& v : at) where += (where.empty() ? "" : ", ") + (v.is_number() ? fixed(v.get<double>(), 2) : std::string("?"));
+    const long line = f.value("line", 0L);
+    html += "<tr><td><span class=no>" + escaped(f.value("kind", "")) + "</span></td><td>" + escaped(f.value("program", "")) + "</td><td class=number>" +
+            (line > 0 ? std::to_string(line) : "") + "</td><td>" + escaped(f.value("message", "")) + "</td><td class=number>" + where + "</td></tr>\n";
+  }
+  html += "</table>\n";
+  if (faults.size() > kMostRows) {
+    html += "<p class=soft>" + std::to_string(faults.size() - kMostRows) + " more in <a href=\"dry_run/faults.json\">faults.json</a>.</p>\n";
+  }
+  return html;
+}
+
+std::string warnings_box(const json& report) {
+  std::string items;
+  const auto item = [&](const std::string& text) { items += "<li>" + escaped(text) + "</li>\n"; };
+  if (report.contains("/postproc/setup/machine_notes"_json_pointer)) {
+    const std::string notes = report.at("/postproc/setup/machine_notes"_json_pointer);
+    if (!notes.empty()) item("Machine \"" + report.at("/postproc/setup/machine"_json_pointer).get<std::string>() + "\": " + notes);
+  }
+  if (report.contains("/design/target/warnings"_json_pointer)) {
+    for (const auto& w : report.at("/design/target/warnings"_json_pointer)) item("Drawing: " + w.get<std::string>());
+  }
+  if (report.contains("/design/transport/converged"_json_pointer) && !report.at("/design/transport/converged"_json_pointer).get<bool>()) {
+    item("The light transport did not reach its tolerance: " + report.at("/design/transport"_json_pointer).value("reason", ""));
+  }
+  if (report.contains("/cam/reachable/unreachable_area_mm2"_json_pointer) &&
+      report.at("/cam/reachable/unreachable_area_mm2"_json_pointer).get<double>() > 0) {
+    item("The finishing ball cannot reach " + number_at(report, "/cam/reachable/unreachable_area_mm2", 1) + " mm² (" +
+         fixed(100 * report.at("/cam/reachable/unreachable_share"_json_pointer).get<double>(), 2) + " % of the lens; creases that are hollower than the ball); up to " +
+         number_at(report, "/cam/reachable/max_residue_um", 1) + " µm of material stay there. The picture below shows where.");
+  }
+  item("Cutting data comes from tables and arithmetic and is untested on the machine.");
+  return "<h2>Before you mill</h2>\n<div class=warn><ul>\n" + items + "</ul></div>\n";
+}
+
+}  // namespace
+
+std::string report_page(const Job& job, const RunFolder& folder) {
+  const json report = folder.report();
+  const double polish_um = job.dry_run.polish_sigma_um;
+
+  std::string html = "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\n<title>" +
+                     escaped(job.name) + " - Lightmill report</title>\n<style>" + kStyle + "</style></head><body><main>\n";
+  html += "<h1>" + escaped(job.name) + "</h1>\n<p class=soft>Lens " + compact(job.lens.size_mm.x(), 2) + " &times; " +
+          compact(job.lens.size_mm.y(), 2) + " mm, index " + compact(job.lens.refractive_index, 4) + ", picture " +
+          compact(job.target.size_mm.x(), 2) + " &times; " + compact(job.target.size_mm.y(), 2) + " mm on a wall at " +
+          compact(job.receiver.distance_mm, 2) + " mm, read from " + (job.receiver.viewed_from == ViewedFrom::kLens ? "the lens's side" : "behind the screen") +
+          ". Lightmill " LIGHTMILL_VERSION ". Job: <a href=\"job.toml\">job.toml</a>, all figures: <a href=\"report.json\">report.json</a>.</p>\n";
+  html += verdict_box(report, folder);
+
+  html += "<h2>Light on the wall</h2>\n<div class=pictures>\n";
+  html += picture(folder, "design/target_view.png", "Target", "what was asked for", true);
+  html += picture(folder, "design/caustic.png", "Designed surface", caustic_caption(report, "/design/caustic"), true);
+  html += picture(folder, "dry_run/caustic_machined.png", "Milled and polished", caustic_caption(report, "/dry_run/caustic/polished"), true);
+  html += picture(folder, "dry_run/caustic_machined_raw.png", "Raw from the mill", caustic_caption(report, "/dry_run/caustic/raw"), true);
+  html += "</div>\n<p class=soft>All four pictures share one brightness scale. The two on the right come from the surface that the simulated machine "
+          "milled, rebuilt from nothing but the programs' text. Polish is a model, not a measurement: a Gaussian low-pass of the milled heights with a "
+          "standard deviation of " + compact(polish_um, 1) + " &micro;m. Raw cusps scatter light by several millimetres, so polishing is part of the optics.</p>\n";
+
+  html += "<h2>The part</h2>\n<div class=pictures>\n";
+  html += picture(folder, "design/heights.png", "Height", "lens seen from above, mm over the flat back");
+  const std::string range = number_at(report, "/dry_run/deviation_picture_range_um", 1);
+  html += picture(folder, "dry_run/deviation.png", "Milled minus designed",
+                  "red: material left, blue: material missing; full colour at " + range + " µm; strongest value per pixel");
+  html += picture(folder, "cam/unreachable.png", "Out of the ball's reach", "what an ideal finishing ball leaves standing");
+  html += "</div>\n";
+  html += "<h2>Tool paths</h2>\n<div class=pictures>\n";
+  for (const char* pass : kPassNames) {
+    const std::string at = std::string("/cam/") + pass;
+    html += picture(folder, std::string("cam/toolpaths_") + pass + ".png",
+                    pass == std::string("rough") ? "Rough" : pass == std::string("semi_finish") ? "Semi-finish" : "Finish",
+                    number_at(report, (at + "/minutes").c_str(), 1) + " min, " + fixed(std::strtod(number_at(report, (at + "/length_mm").c_str(), 1).c_str(), nullptr) / 1000, 1) +
+                        " m, stepover " + number_at(report, (at + "/stepover_mm").c_str(), 3) + " mm; where passes lie close only some are drawn");
+  }
+  html += "</div>\n";
+
+  Figures figures(report);
+  figures.group("Design");
+  figures.row("/design/transport/l1_mass_error", "light that lands in a wrong cell", "", 6, job.transport.l1_tolerance);
+  figures.row("/design/transport/max_mass_error", "worst cell", "", 4, job.transport.max_tolerance);
+  figures.row("/design/transport/empty_cells", "cells without light", "", 0, 0.0);
+  figures.row("/design/surface/inverted_triangles", "folded triangles", "", 0, 0.0);
+  figures.row("/design/surface/height_range_mm", "relief", "mm", 3);
+  figures.row("/design/surface/min_concave_radius_mm", "tightest hollow", "mm", 2);
+  figures.row("/design/caustic/l1_error", "picture error of the designed surface", "", 3);
+  figures.row("/design/caustic/flux_outside_support", "light beside the motif", "%", 2, {}, 100);
+  figures.row("/design/caustic/flux_totally_reflected", "light that never leaves the lens", "%", 3, {}, 100);
+  figures.group("Solid and tool paths");
+  figures.flag("/cam/solid/valid", "STEP solid", "valid and closed", "not valid");
+  figures.row("/cam/solid/rms_deviation_um", "spline from mesh, off creases (rms)", "µm", 3, 0.5);
+  figures.row("/cam/solid/max_deviation_um", "spline from mesh, anywhere", "µm", 2);
+  figures.row("/cam/solid/volume_mm3", "volume", "mm³", 1);
+  figures.row("/cam/blank/height_mm", "blank height", "mm", 1);
+  figures.row("/cam/finish/predicted_cusp_um", "cusp that finishing plans", "µm", 2, job.dry_run.cusp_limit_um);
+  figures.row("/cam/reachable/unreachable_area_mm2", "out of the ball's reach", "mm²", 2);
+  figures.group("Programs");
+  for (const char* pass : kPassNames) {
+    const std::string at = std::string("/postproc/") + pass;
+    figures.row((at + "/blocks").c_str(), std::string(pass) + ": blocks", "", 0);
+    figures.row((at + "/max_tip_error_um").c_str(), std::string(pass) + ": tip off its line", "µm", 3, job.controller.tip_tolerance_um);
+    figures.row((at + "/max_axis_speed_ratio").c_str(), std::string(pass) + ": fastest axis over its limit", "", 3, 1.0);
+  }
+  figures.group("Dry run");
+  figures.row("/dry_run/max_gouge_um", "deepest gouge", "µm", 2, job.dry_run.gouge_tolerance_um);
+  figures.row("/dry_run/max_cusp_um", "highest cusp where the ball reaches", "µm", 2, job.dry_run.cusp_limit_um);
+  figures.row("/dry_run/p99_cusp_um", "99 % of cusps are below", "µm", 2);
+  figures.row("/dry_run/residue_um", "material left where it does not reach", "µm", 1);
+  figures.row("/dry_run/limit_violations", "axis limits passed", "", 0, 0.0);
+  figures.row("/dry_run/collisions", "collisions and rapids through stock", "", 0, 0.0);
+  figures.row("/dry_run/link/bytes_lost", "bytes lost on the line", "", 0, 0.0);
+  figures.flag("/dry_run/link/digest_matches", "the machine executed every line, once, in order", "yes", "no");
+  figures.row("/dry_run/minutes", "time on the machine", "min", 1);
+  figures.row("/dry_run/caustic/polished/l1_error", "picture error, polished (model)", "", 3);
+  figures.row("/dry_run/caustic/raw/l1_error", "picture error, raw", "", 3);
+  html += "<h2>Figures</h2>\n" + figures.table();
+  html += warnings_box(report);
+  html += faults_table(folder);
+  html += "<h2>How far to trust this</h2>\n<ul>\n"
+          "<li>Gouge and cusp are measured against what an ideal ball can reach; the rest is listed as out of reach.</li>\n"
+          "<li>Polish: Gaussian low-pass of the heights, " + compact(polish_um, 1) + " &micro;m. A hand polish is not that even; the picture is a hope with a number.</li>\n"
+          "<li>The simulated machine is rigid and exact: no run-out, wear, heat, backlash or chatter.</li>\n"
+          "<li>Light is traced as rays through the one refracting surface" +
+          (job.light.angular_diameter_rad > 0 ? ", the lamp as a disk of " + compact(job.light.angular_diameter_rad * 180 / kPi, 3) + " degrees" : std::string(", the lamp as a point at infinity")) +
+          "; no diffraction, no reflections inside the lens.</li>\n</ul>\n";
+  html += "</main></body></html>\n";
+  return html;
+}
+
+}  // namespace lightmill

@@ -1,0 +1,186 @@
+#include "cli/shop_tools.h"
+
+#include <sys/statvfs.h>
+#include <sys/sysinfo.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <set>
+#include <thread>
+
+#include "cam/reachable.h"
+#include "cli/commands.h"
+#include "design/core/errors.h"
+#include "design/core/text.h"
+#include "machine/pseudo_terminal.h"
+#include "postproc/machine_model.h"
+
+namespace lightmill {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::vector<fs::path> files_of(const fs::path& folder, const std::string& extension) {
+  std::vector<fs::path> files;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    if (entry.path().extension() == extension) files.push_back(entry.path());
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+/// Ports of adapters and controllers, by their lasting names first.
+std::vector<fs::path> serial_ports() {
+  std::vector<fs::path> ports;
+  std::set<fs::path> seen;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator("/dev/serial/by-id", error)) {
+    ports.push_back(entry.path());
+    seen.insert(fs::canonical(entry.path(), error));
+  }
+  std::vector<fs::path> others;
+  for (const auto& entry : fs::directory_iterator("/dev", error)) {
+    const std::string name = entry.path().filename().string();
+    for (const char* start : {"ttyUSB", "ttyACM", "ttyAMA"}) {
+      if (name.starts_with(start) && !seen.contains(entry.path())) others.push_back(entry.path());
+    }
+  }
+  std::sort(ports.begin(), ports.end());
+  std::sort(others.begin(), others.end());
+  ports.insert(ports.end(), others.begin(), others.end());
+  return ports;
+}
+
+bool on_path(const char* program) {
+  const char* path = std::getenv("PATH");
+  std::string folders = path ? path : "";
+  std::size_t start = 0;
+  while (start <= folders.size()) {
+    const std::size_t end = std::min(folders.find(':', start), folders.size());
+    if (::access((folders.substr(start, end - start) + "/" + program).c_str(), X_OK) == 0) return true;
+    start = end + 1;
+  }
+  return false;
+}
+
+bool say(bool good, const std::string& what, const std::string& remedy = "") {
+  std::printf("%-5s %s%s\n", good ? "ok" : "NO", what.c_str(), good || remedy.empty() ? "" : (": " + remedy).c_str());
+  return good;
+}
+
+}  // namespace
+
+int list_ports() {
+  const auto ports = serial_ports();
+  for (const auto& port : ports) {
+    const bool usable = ::access(port.c_str(), R_OK | W_OK) == 0;
+    std::printf("%s%s\n", port.c_str(), usable ? "" : "  (no permission: add yourself to the group dialout and log in again)");
+  }
+  if (ports.empty()) std::printf("no serial port found; plug the controller in and look again\n");
+  return kExitDone;
+}
+
+int list_machines() {
+  for (const auto& file : files_of(fixtures_folder() / "machines", ".toml")) {
+    const MachineModel machine = read_machine(file);
+    std::printf("%s\n  %s\n  X %s Y %s Z %s mm, %s %s to %s deg, %s; spindle to %s rpm; tools to %s mm\n", file.c_str(), machine.name.c_str(),
+                compact(machine.x.max_mm - machine.x.min_mm, 1).c_str(), compact(machine.y.max_mm - machine.y.min_mm, 1).c_str(),
+                compact(machine.z.max_mm - machine.z.min_mm, 1).c_str(), std::string(1, machine.outer.letter).c_str(),
+                compact(machine.outer.min_rad * 180 / kPi, 1).c_str(), compact(machine.outer.max_rad * 180 / kPi, 1).c_str(),
+                (std::string(1, machine.inner.letter) + (std::isinf(machine.inner.max_rad) ? " endless" : " limited")).c_str(),
+                compact(machine.max_spindle_rpm, 0).c_str(), compact(machine.max_tool_length_mm, 1).c_str());
+    if (!machine.notes.empty()) std::printf("  %s\n", machine.notes.c_str());
+  }
+  std::printf("cutters:\n");
+  for (const auto& file : files_of(fixtures_folder() / "cutters", ".toml")) {
+    const Cutter cutter = read_cutter(file);
+    std::printf("  T%d %s\n     %s\n", cutter.number, file.c_str(), cutter.name.c_str());
+  }
+  return kExitDone;
+}
+
+int list_dialects() {
+  std::printf("grblhal   RS274 for grblHAL: no tool-centre control, kinematics in the post, G93 where a rotary axis moves; *.nc\n");
+  return kExitDone;
+}
+
+int doctor() {
+  bool good = say(true, std::to_string(std::thread::hardware_concurrency()) + " cores");
+  struct sysinfo memory = {};
+  ::sysinfo(&memory);
+  const double gib = static_cast<double>(memory.totalram) * memory.mem_unit / (1 << 30);
+  good &= say(gib >= 5.5, fixed(gib, 1) + " GiB memory", "a full job takes up to 6; use a smaller mesh and fewer samples");
+  struct statvfs disk = {};
+  const double free_gib = ::statvfs(".", &disk) == 0 ? static_cast<double>(disk.f_bavail) * disk.f_frsize / (1 << 30) : 0;
+  good &= say(free_gib >= 1, fixed(free_gib, 1) + " GiB free in this folder", "a run folder takes about 0.3");
+  try {
+    const PseudoTerminal terminal{fs::path()};
+    say(true, "pseudo-terminals (" + terminal.far_end() + ")");
+  } catch (const IoError& e) {
+    good &= say(false, "pseudo-terminals", e.what());
+  }
+  std::error_code error;
+  good &= say(fs::exists(fixtures_folder() / "machines", error), "machines and cutters in " + fixtures_folder().string(),
+              "set LIGHTMILL_FIXTURES to the folder that holds machines/ and cutters/");
+  say(on_path("rs274"), "LinuxCNC's rs274 (optional second opinion on programs)", "apt-get install linuxcnc-uspace");
+  const auto ports = serial_ports();
+  say(!ports.empty(), std::to_string(ports.size()) + " serial ports (needed for stream only)", "plug the controller in");
+  for (const auto& port : ports) {
+    say(::access(port.c_str(), R_OK | W_OK) == 0, port.string(), "no permission; add yourself to the group dialout and log in again");
+  }
+  return good ? kExitDone : kExitIo;
+}
+
+int check_machinability(const Job& job, const RunFolder& folder) {
+  const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
+  const SplineFit fit = fit_spline(mesh, Box2::centred(job.lens.size_mm));
+  const SplineSurface& surface = fit.surface;
+  const Vec2 size = surface.extent().size();
+  const double pitch = std::clamp(size.maxCoeff() / 1000, 0.05, 0.1);
+  const double ball = job.finish.cutter.radius_mm();
+
+  // Steepest slope and tightest hollow over a dense scan.
+  double steepest = 0;
+  Vec2 steepest_place = Vec2::Zero();
+  double most_concave = 0;  // curvature, 1/mm, positive where the surface is hollow
+  Vec2 concave_place = Vec2::Zero();
+  for (double y = surface.extent().min.y() + pitch / 2; y < surface.extent().max.y(); y += pitch) {
+    for (double x = surface.extent().min.x() + pitch / 2; x < surface.extent().max.x(); x += pitch) {
+      const SplineSurface::Sample s = surface.sample(x, y);
+      const double slope = std::hypot(s.hx, s.hy);
+      if (slope > steepest) {
+        steepest = slope;
+        steepest_place = {x, y};
+      }
+      // Principal curvatures of a height field: H +- sqrt(H^2 - K).
+      const double g = 1 + s.hx * s.hx + s.hy * s.hy;
+      const double gauss = (s.hxx * s.hyy - s.hxy * s.hxy) / (g * g);
+      const double mean = ((1 + s.hy * s.hy) * s.hxx - 2 * s.hx * s.hy * s.hxy + (1 + s.hx * s.hx) * s.hyy) / (2 * g * std::sqrt(g));
+      const double concave = mean + std::sqrt(std::max(0.0, mean * mean - gauss));
+      if (concave > most_concave) {
+        most_concave = concave;
+        concave_place = {x, y};
+      }
+    }
+  }
+  const ReachableSurface reachable = reachable_surface(surface, ball, pitch);
+  const auto place = [](const Vec2& p) { return "x " + fixed(p.x(), 1) + " y " + fixed(p.y(), 1); };
+  std::printf("height            %s to %s mm\n", fixed(surface.lowest(), 3).c_str(), fixed(surface.highest(), 3).c_str());
+  std::printf("steepest slope    %s deg at %s\n", fixed(std::atan(steepest) * 180 / kPi, 1).c_str(), place(steepest_place).c_str());
+  if (most_concave > 0) {
+    std::printf("tightest hollow   radius %s mm at %s (finishing ball: %s mm)\n", fixed(1 / most_concave, 2).c_str(),
+                place(concave_place).c_str(), compact(ball, 3).c_str());
+  } else {
+    std::printf("tightest hollow   none, the surface is convex\n");
+  }
+  std::printf("out of reach      %s mm2 (%s %%), at most %s um left there\n", fixed(reachable.unreachable_area_mm2, 1).c_str(),
+              fixed(100 * reachable.unreachable_area_mm2 / (size.x() * size.y()), 2).c_str(), fixed(reachable.max_residue_um, 1).c_str());
+  return kExitDone;
+}
+
+}  // namespace lightmill

@@ -1,0 +1,18 @@
+// The small commands: what is on this computer, what comes with Lightmill, can this lens be milled.
+#pragma once
+
+#include "cli/job.h"
+#include "cli/run_folder.h"
+
+namespace lightmill {
+
+/// Each prints to stdout and returns an exit code.
+int list_ports();
+int list_machines();
+int list_dialects();
+int doctor();
+
+/// Slopes, concave radii and unreachable area of the folder's surface.
+int check_machinability(const Job& job, const RunFolder& folder);
+
+}  // namespace lightmill

@@ -1,0 +1,209 @@
+#include "cli/simulation.h"
+
+#include <algorithm>
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "cli/child_process.h"
+#include "design/core/errors.h"
+#include "design/core/files.h"
+#include "design/core/text.h"
+#include "machine/connection.h"
+#include "machine/program_lines.h"
+#include "machine/pseudo_terminal.h"
+#include "machine/simulated_machine.h"
+
+namespace lightmill {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+namespace {
+
+json to_json(const Fault& fault) {
+  return {{"kind", fault.kind},       {"program", fault.program},
+          {"line", fault.line},       {"message", fault.message},
+          {"amount_mm", fault.amount_mm}, {"place_mm", {fault.place_mm.x(), fault.place_mm.y(), fault.place_mm.z()}}};
+}
+
+Fault fault_from(const json& j) {
+  Fault fault;
+  fault.kind = j.at("kind");
+  fault.program = j.at("program");
+  fault.line = j.at("line");
+  fault.message = j.at("message");
+  fault.amount_mm = j.at("amount_mm").is_number() ? j.at("amount_mm").get<double>() : 0;
+  for (int i = 0; i < 3; ++i) fault.place_mm[i] = j.at("place_mm").at(i).is_number() ? j.at("place_mm").at(i).get<double>() : 0;
+  return fault;
+}
+
+std::string numbers(const Vec3& v) { return compact(v.x(), 9) + "," + compact(v.y(), 9) + "," + compact(v.z(), 9); }
+
+/// The last line of what the child said before it died.
+std::string last_words(const fs::path& log) {
+  std::error_code error;
+  if (!fs::exists(log, error)) return "";
+  std::string text = read_whole(log);
+  while (!text.empty() && text.back() == '\n') text.pop_back();
+  const std::size_t start = text.rfind('\n');
+  return start == std::string::npos ? text : text.substr(start + 1);
+}
+
+/// Removes the link to the pseudo-terminal when the child could not do it itself.
+struct LinkGuard {
+  fs::path link;
+  ~LinkGuard() {
+    std::error_code error;
+    fs::remove(link, error);
+  }
+};
+
+}  // namespace
+
+std::string stream_end_name(StreamEnd end) {
+  switch (end) {
+    case StreamEnd::kDone: return "done";
+    case StreamEnd::kControllerError: return "controller error";
+    case StreamEnd::kAlarm: return "alarm";
+    case StreamEnd::kLostAcknowledgement: return "lost acknowledgement";
+    case StreamEnd::kReset: return "controller reset";
+    case StreamEnd::kHungUp: return "line hung up";
+    case StreamEnd::kStopped: return "stopped by the user";
+  }
+  return "";
+}
+
+std::vector<std::string> machine_arguments(const SimulatedShop& shop, const fs::path& link, const fs::path& out) {
+  std::vector<std::string> arguments = {"machine", "--pty", link.string(), "--machine", shop.machine_file.string()};
+  for (const auto& file : shop.cutter_files) {
+    arguments.emplace_back("--cutters");
+    arguments.push_back(file.string());
+  }
+  const std::vector<std::string> rest = {
+      "--blank=" + compact(shop.blank.size_mm.x(), 6) + "x" + compact(shop.blank.size_mm.y(), 6) + "x" + compact(shop.blank.height_mm, 6),
+      "--origin=" + numbers(shop.workpiece_origin_mm),
+      "--work-offset=" + std::to_string(shop.work_offset),
+      "--pitch-um=" + compact(shop.pitch_um, 6),
+      "--time-factor=" + compact(shop.time_factor, 6),
+      "--pace-baud=" + std::to_string(shop.baud),
+      "--out=" + out.string()};
+  arguments.insert(arguments.end(), rest.begin(), rest.end());
+  return arguments;
+}
+
+void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::path& out, const std::function<bool()>& should_end) {
+  const MachineModel machine = read_machine(shop.machine_file);
+  OperatorSetup setup;
+  for (const auto& file : shop.cutter_files) setup.cutters.push_back(read_cutter(file));
+  setup.blank = shop.blank;
+  setup.workpiece_origin_mm = shop.workpiece_origin_mm;
+  setup.work_offset = shop.work_offset;
+  SimulationOptions options;
+  options.time_factor = shop.time_factor;
+  options.baud = shop.baud;
+  options.stock.pitch_mm = shop.pitch_um / 1000;
+  SimulatedMachine simulated(machine, setup, options);
+  simulated.start();
+  {
+    PseudoTerminal terminal(link);
+    serve(simulated, terminal, should_end);
+  }
+  const MachinedSurface surface = simulated.machined();
+  write_machined(out / "machined.tif", surface);
+  const SimulationResult result = simulated.result();
+  json record = {{"lines", result.lines},
+                 {"machine_seconds", result.machine_seconds},
+                 {"received_bytes", result.received_bytes},
+                 {"overflowed_bytes", result.overflowed_bytes},
+                 {"highest_buffer_fill", result.highest_buffer_fill},
+                 {"received_digest", result.received_digest},
+                 {"removed_mm3", surface.removed_mm3},
+                 {"faults", json::array()}};
+  for (const Fault& fault : result.faults) record["faults"].push_back(to_json(fault));
+  write_whole(out / "result.json", record.dump(1) + "\n");
+}
+
+SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector<fs::path>& programs, const fs::path& out,
+                                    const Monitor& monitor) {
+  std::vector<std::string> texts;
+  std::size_t bytes_total = 0;
+  for (const auto& program : programs) {
+    texts.push_back(read_whole(program));
+    bytes_total += texts.back().size();
+  }
+  std::error_code error;
+  fs::create_directories(out, error);
+  if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
+  const fs::path link = out / "port";
+  const fs::path log = out / "machine.log";
+  for (const char* stale : {"port", "machined.tif", "machined_peaks.tif", "result.json"}) fs::remove(out / stale, error);
+
+  // The machine lives in another process and is reached as a serial port is.
+  std::vector<std::string> arguments = machine_arguments(shop, link, out);
+  arguments.insert(arguments.begin(), fs::read_symlink("/proc/self/exe").string());
+  const LinkGuard guard{link};
+  ChildProcess child(arguments, log);
+  for (int tries = 0; !fs::exists(link, error); ++tries) {
+    monitor.check();
+    if (const auto code = child.wait(std::chrono::milliseconds(10))) {
+      throw IoError("the simulated machine did not start (exit code " + std::to_string(*code) + "): " + last_words(log));
+    }
+    if (tries > 3000) throw IoError("the simulated machine did not start within 30 s; see " + log.string());
+  }
+
+  SimulationOutcome outcome;
+  const auto started = std::chrono::steady_clock::now();
+  {
+    const auto connection = open_serial(link.string(), 115200);
+    double done_share = 0;
+    for (std::size_t i = 0; i < programs.size(); ++i) {
+      const double share = static_cast<double>(texts[i].size()) / std::max<std::size_t>(bytes_total, 1);
+      outcome.streams.push_back(stream_program(*connection, texts[i], {}, monitor.part(done_share, done_share + share)));
+      done_share += share;
+      const StreamResult& stream = outcome.streams.back();
+      if (stream.end == StreamEnd::kStopped) throw Stopped();
+      if (stream.done()) continue;
+      Fault fault;
+      fault.kind = "stream";
+      fault.program = programs[i].filename().string();
+      fault.line = stream.error_line;
+      fault.message = stream_end_name(stream.end) + ": " + stream.message;
+      outcome.faults.push_back(fault);
+      break;
+    }
+  }
+  outcome.stream_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+
+  // The operator ends the machine; it writes what it has become of the blank.
+  child.terminate();
+  std::optional<int> code;
+  while (!(code = child.wait(std::chrono::milliseconds(200)))) monitor.check();
+  if (*code != 0) {
+    throw IoError("the simulated machine ended with exit code " + std::to_string(*code) + ": " + last_words(log));
+  }
+  const json result = json::parse(read_whole(out / "result.json"));
+  outcome.lines = result.at("lines");
+  outcome.bytes_received = result.at("received_bytes");
+  outcome.bytes_lost = result.at("overflowed_bytes");
+  outcome.highest_buffer_fill = result.at("highest_buffer_fill");
+  outcome.machine_minutes = result.at("machine_seconds").get<double>() / 60;
+  outcome.removed_mm3 = result.at("removed_mm3");
+  for (const auto& fault : result.at("faults")) outcome.faults.push_back(fault_from(fault));
+
+  // The machine must have executed the very lines of the programs, each once and in order.
+  std::string all;
+  for (const auto& text : texts) all += text + "\n";
+  outcome.digest_matches = result.at("received_digest") == program_digest(all);
+  const bool all_done = outcome.streams.size() == programs.size() && outcome.streams.back().done();
+  if (all_done && !outcome.digest_matches) {
+    Fault fault;
+    fault.kind = "digest";
+    fault.message = "the machine did not execute the programs' lines: its digest is " + result.at("received_digest").get<std::string>() +
+                    ", the programs' is " + program_digest(all) + "; check the line and stream again";
+    outcome.faults.push_back(fault);
+  }
+  return outcome;
+}
+
+}  // namespace lightmill

@@ -1,0 +1,60 @@
+// A dry run of programs: the simulated machine in a process of its own behind a pseudo-terminal, and the streamer that
+// talks to it through libserial as if it were a real one.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "cam/blank.h"
+#include "design/core/geometry.h"
+#include "design/core/monitor.h"
+#include "machine/motion.h"
+#include "machine/streamer.h"
+
+namespace lightmill {
+
+/// What stands on the simulated shop floor; all files, because another process reads them.
+struct SimulatedShop {
+  std::filesystem::path machine_file;
+  std::vector<std::filesystem::path> cutter_files;
+  Blank blank;
+  Vec3 workpiece_origin_mm = Vec3::Zero();  ///< machine frame, joints at zero
+  int work_offset = 54;                     ///< the one the operator has zeroed on the workpiece
+  double pitch_um = 20;                     ///< of the stock's grid
+  double time_factor = 0;                   ///< 0: as fast as it can
+  int baud = 0;                             ///< 0: not paced
+};
+
+/// What came of it. Faults of the machine, the stock and the line; the surface is in OUT/machined.tif.
+struct SimulationOutcome {
+  std::vector<Fault> faults;
+  std::vector<StreamResult> streams;        ///< one per program that was started
+  long lines = 0;                           ///< executed
+  long bytes_received = 0;
+  long bytes_lost = 0;                      ///< dropped by a full receive buffer
+  int highest_buffer_fill = 0;
+  double machine_minutes = 0;
+  double stream_seconds = 0;                ///< the wall's
+  double removed_mm3 = 0;
+  bool digest_matches = false;              ///< the machine executed exactly the lines of the programs, in order
+};
+
+/// The arguments of `lightmill machine` for this shop (without the program's name).
+std::vector<std::string> machine_arguments(const SimulatedShop& shop, const std::filesystem::path& link, const std::filesystem::path& out);
+
+/// The child's side: serves the machine behind `link` until `should_end()`, then writes OUT/machined.tif and OUT/result.json.
+void serve_machine(const SimulatedShop& shop, const std::filesystem::path& link, const std::filesystem::path& out,
+                   const std::function<bool()>& should_end);
+
+/// The parent's side: starts the child, streams all programs in order, ends it and reads its results. Streaming stops at the
+/// first program that does not end well; that is a fault of the outcome. Throws IoError if the child does not come up.
+SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector<std::filesystem::path>& programs,
+                                    const std::filesystem::path& out, const Monitor& monitor);
+
+/// "done", "controller error", ...
+std::string stream_end_name(StreamEnd end);
+
+}  // namespace lightmill
