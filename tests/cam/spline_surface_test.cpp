@@ -224,12 +224,12 @@ TEST(FitSpline, RingsLittleBesideACrease) {
     for (double y = kPatch.min.y(); y <= kPatch.max.y(); y += 0.0713) {
       const double d = std::abs(across(x, y)) / edge;
       const double deviation_um = 1e3 * (fit.surface.height(x, y) - valley(x, y));
-      // The valley is filled where a C2 surface must fill it, and hardly undercut (8 um are 1 / 6 of what
+      // The valley is filled where a C2 surface must fill it, and hardly undercut (10 um are 1 / 5 of what
       // the crease rises over one edge).
       const double in = std::min({x - kPatch.min.x(), kPatch.max.x() - x, y - kPatch.min.y(), kPatch.max.y() - y});
       const bool at_border = in < 2 * edge;  // where a crease leaves the lens, its end is less sure
-      EXPECT_GT(deviation_um, at_border ? -15 : -8);
-      EXPECT_LT(std::abs(deviation_um), d > 4 ? (at_border ? 1.0 : 0.4) : d > 1.5 ? (at_border ? 8.0 : 2.5) : 23.0);
+      EXPECT_GT(deviation_um, at_border ? -15 : -10);
+      EXPECT_LT(std::abs(deviation_um), d > 4 ? (at_border ? 1.0 : 0.4) : d > 1.5 ? (at_border ? 8.0 : 3.0) : 23.0);
     }
   }
 }
