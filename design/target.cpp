@@ -5,8 +5,75 @@
 #include <numeric>
 
 #include "design/core/errors.h"
+#include "design/core/text.h"
+#include "design/detail/coverage.h"
+#include "design/detail/svg.h"
 
 namespace lightmill {
+
+namespace {
+
+constexpr int kDrawingPixels = 1024;  // of a drawing's fills along the longer side, when no image says otherwise
+constexpr double kDefaultCurveFlux = 0.5;
+
+void check(const TargetSpec& spec) {
+  if (spec.image.empty() && spec.drawing.empty()) throw InputError("target: give an image, a drawing or both");
+  if (!(spec.size_mm.x() > 0 && spec.size_mm.y() > 0)) throw InputError("target.size_mm must be above 0 in x and y");
+  if (spec.curve_flux > 1)
+    throw InputError("target.curve_flux = " + compact(spec.curve_flux, 6) + ": must be a share from 0 to 1");
+  if (!(spec.background >= 0))
+    throw InputError("target.background = " + compact(spec.background, 6) + ": must be at least 0");
+}
+
+/// The parts of a curve inside a box; densities are interpolated at the cuts.
+std::vector<CurveLight> clipped(const CurveLight& curve, const Box2& box) {
+  std::vector<CurveLight> parts;
+  bool open = false;  // the last part continues
+  for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
+    const Vec2& p = curve.vertices_mm[k];
+    const Vec2 d = curve.vertices_mm[k + 1] - p;
+    double t0 = 0;
+    double t1 = 1;
+    for (int axis = 0; axis < 2; ++axis) {
+      if (d[axis] == 0) {
+        if (p[axis] < box.min[axis] || p[axis] > box.max[axis]) t1 = -1;
+        continue;
+      }
+      double enter = (box.min[axis] - p[axis]) / d[axis];
+      double leave = (box.max[axis] - p[axis]) / d[axis];
+      if (enter > leave) std::swap(enter, leave);
+      t0 = std::max(t0, enter);
+      t1 = std::min(t1, leave);
+    }
+    if (t0 >= t1) {
+      open = false;
+      continue;
+    }
+    const auto density = [&](double t) { return (1 - t) * curve.density_per_mm[k] + t * curve.density_per_mm[k + 1]; };
+    if (!open || t0 > 0) parts.push_back({{p + t0 * d}, {density(t0)}});
+    parts.back().vertices_mm.push_back(t1 == 1 ? curve.vertices_mm[k + 1] : Vec2(p + t1 * d));
+    parts.back().density_per_mm.push_back(density(t1));
+    open = t1 == 1;
+  }
+  return parts;
+}
+
+/// Adds the drawing's fills. Among themselves they look as in a viewer, later ones covering earlier ones; an image
+/// beneath shines through them, since light adds.
+void add_fills(const std::vector<detail::DrawnFill>& fills, const Box2& extent, Grid<double>& area) {
+  Grid<double> irradiance(area.width, area.height);
+  for (const auto& fill : fills) {
+    const Grid<double> covered =
+        detail::coverage(fill.outlines_mm, fill.rule, extent, irradiance.width, irradiance.height);
+    for (std::size_t i = 0; i < covered.values.size(); ++i) {
+      const double share = covered.values[i] * fill.opacity;
+      irradiance.values[i] += share * (fill.light - irradiance.values[i]);
+    }
+  }
+  for (std::size_t i = 0; i < area.values.size(); ++i) area.values[i] += irradiance.values[i];
+}
+
+}  // namespace
 
 double CurveLight::flux() const {
   double sum = 0;
@@ -44,16 +111,98 @@ void TargetLight::normalise() {
 }
 
 TargetLight load_target(const TargetSpec& spec) {
+  check(spec);
   TargetLight target;
   target.extent = Box2::centred(spec.size_mm);
+  detail::Drawing drawing;
+  if (!spec.drawing.empty()) drawing = detail::read_drawing(spec.drawing, spec.size_mm, spec.viewed_from);
+  target.warnings = drawing.warnings;
+
+  // Area light: the image and the drawing's fills.
   if (!spec.image.empty()) {
     const Picture picture = read_picture(spec.image, spec.transfer);
-    const Grid<float> seen = as_seen(picture.gray, spec.viewed_from);  // its own inverse
-    target.area_flux = Grid<double>(seen.width, seen.height);
-    std::copy(seen.values.begin(), seen.values.end(), target.area_flux.values.begin());
+    const Grid<float> placed =
+        as_seen(picture.gray, spec.viewed_from);  // its own inverse: from the picture to the receiver
+    target.area_flux = Grid<double>(placed.width, placed.height);
+    std::copy(placed.values.begin(), placed.values.end(), target.area_flux.values.begin());
+    if (!(target.area_total() > 0)) {
+      throw InputError("picture " + spec.image.string() + " is all black; give one that has light");
+    }
+  } else if (!drawing.fills.empty()) {
+    const double longer = spec.size_mm.maxCoeff();
+    target.area_flux =
+        Grid<double>(std::max(1, static_cast<int>(std::lround(kDrawingPixels * spec.size_mm.x() / longer))),
+                     std::max(1, static_cast<int>(std::lround(kDrawingPixels * spec.size_mm.y() / longer))));
+  }
+  add_fills(drawing.fills, target.extent, target.area_flux);
+  double area = target.area_total();
+  if (!(area > 0)) target.area_flux = {};
+
+  // Singular light, inside the picture only.
+  for (const auto& stroke : drawing.strokes) {
+    for (auto& part : clipped(stroke, target.extent)) target.curves.push_back(std::move(part));
+  }
+  for (const auto& point : drawing.points) {
+    if (target.extent.contains(point.position_mm)) {
+      target.points.push_back(point);
+    } else {
+      target.warnings.push_back(spec.drawing.string() + ": a point lies outside the picture and is left out");
+    }
+  }
+  if (!spec.drawing.empty() && spec.image.empty() && !(area > 0) && target.curves.empty() && target.points.empty()) {
+    std::string hint = target.warnings.empty() ? "" : " (" + target.warnings.front() + ")";
+    throw InputError("drawing " + spec.drawing.string() +
+                     " has nothing that shines: black fills are no light; draw fills or strokes in white or gray" +
+                     hint);
+  }
+
+  // All strokes together count 1 against the points' data-flux; both together have curve_flux of all light.
+  const double strokes = target.curve_total();
+  if (strokes > 0) {
+    for (auto& curve : target.curves) {
+      for (double& density : curve.density_per_mm) density /= strokes;
+    }
+  }
+  const double singular = (strokes > 0 ? 1 : 0) + target.point_total();
+  if (area > 0 && spec.background > 0) {
+    const double floor = spec.background * area / static_cast<double>(target.area_flux.values.size());
+    for (double& flux : target.area_flux.values) flux += floor;
+    area = target.area_total();
+  }
+  if (area > 0 && singular > 0) {
+    const double share = spec.curve_flux < 0 ? kDefaultCurveFlux : spec.curve_flux;
+    for (double& flux : target.area_flux.values) flux *= (1 - share) / area;
+    for (auto& curve : target.curves) {
+      for (double& density : curve.density_per_mm) density *= share / singular;
+    }
+    for (auto& point : target.points) point.flux *= share / singular;
+    if (share == 0) {
+      target.curves.clear();
+      target.points.clear();
+    }
+    if (share == 1) target.area_flux = {};
   }
   target.normalise();
   return target;
+}
+
+Grid<double> rasterise(const TargetLight& target, int width, int height) {
+  Grid<double> flux =
+      target.area_flux.empty() ? Grid<double>(width, height) : detail::box_filtered(target.area_flux, width, height);
+  for (const auto& curve : target.curves) {
+    for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
+      detail::add_segment(flux, target.extent, curve.vertices_mm[k], curve.vertices_mm[k + 1], curve.density_per_mm[k],
+                          curve.density_per_mm[k + 1]);
+    }
+  }
+  const Vec2 pitch = target.extent.size().cwiseQuotient(Vec2(width, height));
+  for (const auto& point : target.points) {
+    if (!target.extent.contains(point.position_mm)) continue;
+    const Vec2 at = (point.position_mm - target.extent.min).cwiseQuotient(pitch);
+    flux.at(std::min(static_cast<int>(at.x()), width - 1), std::min(static_cast<int>(at.y()), height - 1)) +=
+        point.flux;
+  }
+  return flux;
 }
 
 }  // namespace lightmill

@@ -12,6 +12,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
+#include "design/detail/coverage.h"
 #include "design/detail/laplacian.h"
 #include "design/detail/power_diagram.h"
 #include "design/detail/sampling.h"
@@ -230,30 +231,6 @@ class Level {
   int evaluations_ = 0;
 };
 
-/// Flux onto another grid over the same rectangle, by exact overlap.
-Grid<double> box_filtered(const Grid<double>& grid, int width, int height) {
-  const auto resample = [](const Grid<double>& in, int out_width) {
-    // Along rows; the result is transposed, so that twice does both directions.
-    Grid<double> out(in.height, out_width);
-    const double scale = static_cast<double>(out_width) / in.width;
-    for (int row = 0; row < in.height; ++row) {
-      for (int column = 0; column < in.width; ++column) {
-        const double value = in.at(column, row);
-        if (value == 0) continue;
-        const double from = column * scale;
-        const double to = (column + 1) * scale;
-        const int last = std::min(out_width - 1, static_cast<int>(to));
-        for (int k = static_cast<int>(from); k <= last; ++k) {
-          const double overlap = std::min<double>(to, k + 1) - std::max<double>(from, k);
-          if (overlap > 0) out.at(row, k) += value * overlap / scale;
-        }
-      }
-    }
-    return out;
-  };
-  return resample(resample(grid, width), height);
-}
-
 /// Mean and standard deviation of the target in x and y.
 struct Spread {
   Vec2 mean{0, 0};
@@ -340,7 +317,7 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
       }
       const bool same = width == target.area_flux.width && height == target.area_flux.height;
       measure.pixels =
-          detail::PixelDensity(same ? target.area_flux : box_filtered(target.area_flux, width, height), extent);
+          detail::PixelDensity(same ? target.area_flux : detail::box_filtered(target.area_flux, width, height), extent);
     }
     for (const auto& curve : target.curves) {
       for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
