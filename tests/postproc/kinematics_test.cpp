@@ -12,8 +12,10 @@ namespace {
 using test::direction;
 using test::kDeg;
 
-double real(double least, double most) { return least + (most - least) * (*rc::gen::inRange(0, 1000001)) / 1e6; }
-Vec3 vector(double size) { return {real(-size, size), real(-size, size), real(-size, size)}; }
+using test::real;
+Vec3 vector(double size) {
+  return {real(-size, size), real(-size, size), real(-size, size)};
+}
 
 // LinuxCNC's xyzbc-trt with B20 C60, x-offset -20, z-offset -15 [controllers.md 1.3].
 TEST(Kinematics, AgreesWithLinuxCnc) {
@@ -32,7 +34,8 @@ TEST(Kinematics, AgreesWithLinuxCnc) {
   EXPECT_NEAR(both[0].inner_rad, 60 * kDeg, 1e-12);
 }
 
-// ISO 841: the programmed angles name the tool's turn relative to the work, t = (sin B cos C, sin B sin C, cos B) [5.1].
+// ISO 841: the programmed angles name the tool's turn relative to the work, t = (sin B cos C, sin B sin C, cos B)
+// [5.1].
 TEST(Kinematics, IsoAnglesLeanTheToolWhereTheySay) {
   const MachineModel machine = test::fixture_machine();
   const ToolPose pose = forward(machine, {}, 85, {0, 0, 0, 25 * kDeg, 40 * kDeg});
@@ -53,15 +56,16 @@ RC_GTEST_PROP(Kinematics, ForwardAgreesWithMatrices, ()) {
   machine.outer.direction = *rc::gen::element(-1.0, 1.0);
   machine.inner.direction = *rc::gen::element(-1.0, 1.0);
   const WorkSetup setup{vector(80), 54};
-  const JointPosition joints{real(-250, 250), real(-120, 120), real(-360, 0), real(-110, 110) * kDeg, real(-720, 720) * kDeg};
+  const JointPosition joints{real(-250, 250), real(-120, 120), real(-360, 0), real(-110, 110) * kDeg,
+                             real(-720, 720) * kDeg};
   const ToolPose ours = forward(machine, setup, 85, joints);
   const ToolPose theirs = test::pose_by_matrices(machine, setup.origin_mm, 85, joints);
   RC_ASSERT((ours.tip_mm - theirs.tip_mm).norm() < 1e-10);
   RC_ASSERT((ours.axis - theirs.axis).norm() < 1e-13);
 }
 
-// From joints over the machine's whole range to a pose and back: one of the branches is where we came from, the other is
-// another way to the same pose.
+// From joints over the machine's whole range to a pose and back: one of the branches is where we came from, the other
+// is another way to the same pose.
 RC_GTEST_PROP(Kinematics, InverseFindsTheJointsAgain, ()) {
   MachineModel machine = test::fixture_machine();
   machine.outer.point_mm = vector(50);
@@ -106,7 +110,8 @@ RC_GTEST_PROP(Kinematics, OtherTrunnionsRoundTrip, ()) {
   machine.outer.axis = *rc::gen::element(Vec3(1, 0, 0), Vec3(0, 1, 1).normalized(), Vec3(0.2, 0.9, -0.3).normalized());
   machine.inner.axis = *rc::gen::element(Vec3(0, 0, 1), Vec3(0.1, -0.05, 1).normalized());
   const WorkSetup setup{vector(80), 54};
-  const JointPosition joints{real(-250, 250), real(-120, 120), real(-360, 0), real(-110, 110) * kDeg, real(-180, 180) * kDeg};
+  const JointPosition joints{real(-250, 250), real(-120, 120), real(-360, 0), real(-110, 110) * kDeg,
+                             real(-180, 180) * kDeg};
   const ToolPose pose = forward(machine, setup, 85, joints);
   const auto both = inverse(machine, setup, 85, pose);
   RC_ASSERT(both[0].outer_rad >= both[1].outer_rad);

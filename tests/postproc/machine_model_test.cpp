@@ -59,9 +59,11 @@ TEST(ReadMachine, EveryFixtureIsGood) {
 TEST(ReadMachine, RefusesNamingKeyAndRule) {
   EXPECT_THAT(complaint("retract_z_mm", "retractz_mm"), HasSubstr("retract"));
   EXPECT_THAT(complaint("[spindle]", "[spindel]"), HasSubstr("spind"));
-  EXPECT_THAT(complaint("min_mm = -250.0", "min_mm = 251.0"), HasSubstr("x.max_mm = 250.0: must be greater than min_mm"));
+  EXPECT_THAT(complaint("min_mm = -250.0", "min_mm = 251.0"),
+              HasSubstr("x.max_mm = 250.0: must be greater than min_mm"));
   EXPECT_THAT(complaint("max_mm = 250.0", "max_mm = \"wide\""), HasSubstr("x.max_mm"));
-  EXPECT_THAT(complaint("acceleration_mm_per_s2 = 10000", "acceleration_mm_per_s2 = 0"), HasSubstr("must be greater than 0"));
+  EXPECT_THAT(complaint("acceleration_mm_per_s2 = 10000", "acceleration_mm_per_s2 = 0"),
+              HasSubstr("must be greater than 0"));
   EXPECT_THAT(complaint("axis = [0.0, 1.0, 0.0]", "axis = [0.0, 0.0, 0.0]"), HasSubstr("outer.axis"));
   EXPECT_THAT(complaint("axis = [0.0, 0.0, 1.0]", "axis = [0.0, 2.0, 0.0]"), HasSubstr("parallel to outer.axis"));
   EXPECT_THAT(complaint("axis = [0.0, 1.0, 0.0]", "axis = [0.0, 0.0, 1.0]"), HasSubstr("parallel"));

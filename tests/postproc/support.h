@@ -1,6 +1,8 @@
 // Machines and small tool paths for the tests of this room, and a second opinion on the kinematics.
 #pragma once
 
+#include <rapidcheck.h>
+
 #include <Eigen/Geometry>
 #include <cmath>
 #include <filesystem>
@@ -10,6 +12,11 @@
 namespace lightmill::test {
 
 inline constexpr double kDeg = kPi / 180;
+
+/// A random number evenly from [least, most], at every size of RapidCheck's.
+inline double real(double least, double most) {
+  return least + (most - least) * *rc::gen::resize(rc::kNominalSize, rc::gen::inRange(0, 1000001)) / 1e6;
+}
 
 inline MachineModel fixture_machine() {
   return read_machine(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines/hsm400u_grblhal.toml");
@@ -23,8 +30,8 @@ inline MachineModel hostile_machine() {
   return machine;
 }
 
-/// [controllers.md 5.2] written out with rotation matrices for a B/C trunnion: where the tip of a tool at these joints is in
-/// the workpiece frame, and the tool's axis there. Shares nothing with the code under test.
+/// [controllers.md 5.2] written out with rotation matrices for a B/C trunnion: where the tip of a tool at these joints
+/// is in the workpiece frame, and the tool's axis there. Shares nothing with the code under test.
 inline ToolPose pose_by_matrices(const MachineModel& m, const Vec3& origin, double length, const JointPosition& j) {
   const double b = m.outer.direction * j.outer_rad, c = m.inner.direction * j.inner_rad;
   Eigen::Matrix3d ry, rz;
@@ -84,7 +91,8 @@ inline ToolPath fixed_rows(double tilt_rad, double azimuth_rad, int rows, int po
   return path;
 }
 
-/// Lead/tilt finishing of a dome off the rotary centres: the axis leans `lead_rad` from the surface's normal along the pass.
+/// Lead/tilt finishing of a dome off the rotary centres: the axis leans `lead_rad` from the surface's normal along the
+/// pass.
 inline ToolPath lead_rows(double lead_rad, int rows, int points, double size_mm = 30) {
   ToolPath path = empty_path(25);
   for (int r = 0; r < rows; ++r) {
