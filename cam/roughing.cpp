@@ -1,0 +1,421 @@
+#include "cam/roughing.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "design/core/errors.h"
+#include "design/core/grid.h"
+#include "design/core/parallel.h"
+#include "design/core/text.h"
+
+namespace lightmill {
+
+namespace {
+
+constexpr double kPitchMm = 0.25;          ///< of the height grid, at most
+constexpr double kTouchMm = 0.02;          ///< less material than this above the cutter's surface is none
+constexpr double kRampSlope = 0.0524;      ///< 3 degrees: the steepest way down with the centre in material
+constexpr double kCoreShare = 0.5;         ///< of the radius that must not be pushed down into material
+constexpr double kGapMm = 10;              ///< stretches nearer than this are milled as one
+constexpr double kAboveMm = 1;             ///< of links above material
+constexpr double kShortLinkMm = 30;        ///< a longer way back is a rapid at full clearance
+constexpr double kFinalScallopMm = 0.25;   ///< aim for what the last raster leaves between its lines
+constexpr int kMostTraverses = 40;         ///< of a pit, each 3 degrees deeper
+constexpr float kNothing = -1e6f;
+
+/// Height of the cutter's surface above its tip at distance r from the axis.
+double profile(const Cutter& mill, double r) {
+  const double flat = mill.radius_mm() - mill.corner_radius_mm;
+  if (r <= flat) return 0;
+  const double c = mill.corner_radius_mm;
+  const double d = std::min(r - flat, c);
+  return c - std::sqrt(std::max(0.0, c * c - d * d));
+}
+
+/// A node's offset under the cutter.
+struct Offset {
+  int i, j;
+  float up;    ///< the cutter's surface above its tip there
+  bool core;
+};
+
+class Rougher {
+ public:
+  Rougher(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const RoughOptions& options)
+      : surface_(surface), blank_(blank), mill_(mill), options_(options), radius_(mill.radius_mm()) {
+    box_ = Box2::centred(blank.size_mm);
+    block_nx_ = static_cast<int>(std::ceil(blank.size_mm.x() / kPitchMm));
+    block_ny_ = static_cast<int>(std::ceil(blank.size_mm.y() / kPitchMm));
+    dx_ = blank.size_mm.x() / block_nx_;
+    dy_ = blank.size_mm.y() / block_ny_;
+    // The tip's grid reaches so far out that the cutter stands beside the block at its rim, with air between.
+    rim_x_ = static_cast<int>(std::ceil((radius_ + 1) / dx_));
+    rim_y_ = static_cast<int>(std::ceil((radius_ + 1) / dy_));
+    for (int j = -static_cast<int>(radius_ / dy_); j <= static_cast<int>(radius_ / dy_); ++j) {
+      for (int i = -static_cast<int>(radius_ / dx_); i <= static_cast<int>(radius_ / dx_); ++i) {
+        const double r = std::hypot(i * dx_, j * dy_);
+        if (r <= radius_) offsets_.push_back({i, j, static_cast<float>(profile(mill, r)), r <= kCoreShare * radius_});
+      }
+    }
+  }
+
+  ToolPath plan(const Monitor& monitor) {
+    monitor.report("offset surface for roughing", 0);
+    sample_target();
+    dilate(monitor);
+    stock_ = Grid<float>(block_nx_ + 1, block_ny_ + 1, static_cast<float>(blank_.height_mm));
+    clearance_z_ = blank_.height_mm + options_.clearance_mm;
+
+    // Levels of even depth down to the lowest tip.
+    const double depth = blank_.height_mm - lowest_tip_;
+    if (!mill_.holder.empty() && depth + 1 > mill_.holder.front().from_mm) {
+      throw InputError("rough: the cutter '" + mill_.name + "' reaches " + compact(mill_.holder.front().from_mm, 3) +
+                       " mm out of its holder, the relief asks for " + compact(depth + 1, 3) +
+                       " mm; use a longer cutter or a lower blank");
+    }
+    const int levels = std::max(0, static_cast<int>(std::ceil(depth / options_.stepdown_mm - 1e-9)));
+    const int stride = std::max(1, static_cast<int>(options_.stepover_mm / dy_ + 1e-9));
+    for (int k = 1; k <= levels; ++k) {
+      monitor.report("roughing", 0.2 + 0.6 * (k - 1) / levels);
+      raster(blank_.height_mm - depth * k / levels, stride, monitor);
+    }
+    monitor.report("following the offset surface", 0.8);
+    raster(-std::numeric_limits<double>::infinity(), final_stride(stride), monitor);
+    if (moves_.empty()) {
+      throw InputError("rough: the blank of " + compact(blank_.height_mm, 4) + " mm leaves nothing to rough; leave this pass out");
+    }
+
+    ToolPath path;
+    path.pass = "rough";
+    path.cutter = mill_;
+    path.spindle_rpm = mill_.spindle_rpm;
+    path.stepover_mm = stride * dy_;
+    path.predicted_cusp_um = most_left_mm() * 1e3;
+    path.clearance_z_mm = clearance_z_;
+    // The last move ends in a rapid at a safe height.
+    lift_to(clearance_z_);
+    push(moves_.back().pose.tip_mm + Vec3(0, 0, options_.clearance_mm), MoveKind::kRapid, 0);
+    path.moves = std::move(moves_);
+    monitor.report("roughing planned", 1);
+    return path;
+  }
+
+ private:
+  // Tip grid: node (i, j) stands over block node (i - rim_x_, j - rim_y_).
+  [[nodiscard]] int tip_columns() const { return block_nx_ + 1 + 2 * rim_x_; }
+  [[nodiscard]] int tip_rows() const { return block_ny_ + 1 + 2 * rim_y_; }
+  [[nodiscard]] double x_of(int i) const { return box_.min.x() + (i - rim_x_) * dx_; }
+  [[nodiscard]] double y_of(int j) const { return box_.min.y() + (j - rim_y_) * dy_; }
+
+  /// Surface plus allowance at the block's nodes, raised by what a node can miss of its surroundings.
+  void sample_target() {
+    target_ = Grid<float>(block_nx_ + 1, block_ny_ + 1);
+    double steepest2 = 0;
+    for (int j = 0; j <= block_ny_; ++j) {
+      for (int i = 0; i <= block_nx_; ++i) {
+        const auto s = surface_.sample(box_.min.x() + i * dx_, box_.min.y() + j * dy_);
+        target_.at(i, j) = static_cast<float>(s.h + options_.allowance_mm);
+        steepest2 = std::max(steepest2, s.hx * s.hx + s.hy * s.hy);
+      }
+    }
+    // Near its contact, the gap below the cutter opens with the curvature of the corner's flank, (1 + s^2)^1.5 / r at slope
+    // s, and at most 1 / mm of the surface's; a node is within half a cell's diagonal of the contact, and a chord of the tip's
+    // way one cell long sags by an eighth of its square.
+    const double s2 = std::min(steepest2, 1.0);
+    const double corner = mill_.corner_radius_mm > 0 ? std::pow(1 + s2, 1.5) / mill_.corner_radius_mm : 4;
+    const double bend = (s2 > 1e-6 ? corner : 0) + 1;
+    const double cell2 = dx_ * dx_ + dy_ * dy_;
+    margin_mm_ = bend * (cell2 / 8 + dx_ * dx_ / 8) + 0.005;
+    for (float& h : target_.values) h += static_cast<float>(margin_mm_);
+  }
+
+  /// Lowest tip heights that leave the target alone everywhere: its dilation by the cutter's shape.
+  void dilate(const Monitor& monitor) {
+    tip_ = Grid<float>(tip_columns(), tip_rows(), kNothing);
+    parallel_blocks(tip_rows(), 8, [&](std::size_t begin, std::size_t end) {
+      for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
+        float* tip = &tip_.at(0, row);
+        for (const Offset& o : offsets_) {
+          const int j = row - rim_y_ + o.j;
+          if (j < 0 || j > block_ny_) continue;
+          const float* h = &target_.at(0, j);
+          const int first = std::max(0, rim_x_ - o.i);
+          const int last = std::min(tip_columns() - 1, block_nx_ + rim_x_ - o.i);
+          const int shift = o.i - rim_x_;
+          for (int i = first; i <= last; ++i) {
+            const float z = h[i + shift] - o.up;
+            tip[i] = z > tip[i] ? z : tip[i];
+          }
+        }
+      }
+    });
+    monitor.check();
+    lowest_tip_ = std::numeric_limits<double>::infinity();
+    for (const float z : tip_.values) {
+      if (z > kNothing / 2) lowest_tip_ = std::min(lowest_tip_, static_cast<double>(z));
+    }
+    // Beside the block nothing holds the tip up but the lowest place it is needed.
+    for (float& z : tip_.values) z = std::max(z, static_cast<float>(lowest_tip_));
+  }
+
+  [[nodiscard]] int final_stride(int rough_stride) const {
+    // Flat-bottomed cutters leave steps of about stepover times slope across the lines.
+    std::vector<float> slopes;
+    for (int j = 0; j < block_ny_; j += 2) {
+      for (int i = 0; i <= block_nx_; i += 2) {
+        slopes.push_back(std::abs(target_.at(i, j + 1) - target_.at(i, j)) / static_cast<float>(dy_));
+      }
+    }
+    const std::size_t rank = slopes.size() * 99 / 100;
+    std::nth_element(slopes.begin(), slopes.begin() + static_cast<std::ptrdiff_t>(rank), slopes.end());
+    const double stepover = std::clamp(kFinalScallopMm / std::max(0.01, static_cast<double>(slopes[rank])), 0.5, options_.stepover_mm);
+    return std::clamp(static_cast<int>(stepover / dy_ + 1e-9), 1, rough_stride);
+  }
+
+  /// What the cutter with its tip at node (i, j), height z would meet.
+  struct Meeting {
+    bool touches = false;
+    int rows = 0;            ///< count of grid rows with material: the engaged width
+    float core_top = kNothing;   ///< highest material under the cutter's core
+  };
+  [[nodiscard]] Meeting meet(int i, int j, double z) const {
+    Meeting m;
+    const float limit = static_cast<float>(z + kTouchMm);
+    int counted_row = std::numeric_limits<int>::min();
+    const int ci = i - rim_x_;
+    const int cj = j - rim_y_;
+    for (const Offset& o : offsets_) {
+      const int a = ci + o.i;
+      const int b = cj + o.j;
+      if (a < 0 || b < 0 || a > block_nx_ || b > block_ny_) continue;
+      const float s = stock_.at(a, b);
+      if (o.core) m.core_top = std::max(m.core_top, s);
+      if (s > limit + o.up) {
+        m.touches = true;
+        if (o.j != counted_row) {
+          counted_row = o.j;
+          ++m.rows;
+        }
+      }
+    }
+    return m;
+  }
+
+  void remove(int i, int j, double z) {
+    const int ci = i - rim_x_;
+    const int cj = j - rim_y_;
+    for (const Offset& o : offsets_) {
+      const int a = ci + o.i;
+      const int b = cj + o.j;
+      if (a < 0 || b < 0 || a > block_nx_ || b > block_ny_) continue;
+      float& s = stock_.at(a, b);
+      s = std::min(s, static_cast<float>(z) + o.up);
+    }
+  }
+
+  /// All lines of one level, from +y to -y: along +X the material is then on the right, climb milling. The first line
+  /// stands outside, so that it takes no more than the stepover.
+  void raster(double level, int stride, const Monitor& monitor) {
+    const double first_y = box_.max.y() + radius_ - stride * dy_;
+    int j = static_cast<int>(std::floor((first_y - box_.min.y()) / dy_ + 1e-9)) + rim_y_;
+    const double reach = radius_ - mill_.corner_radius_mm;
+    while (true) {
+      monitor.check();
+      mill_line(level, std::max(j, 0));
+      if (j <= 0 || y_of(j) - reach <= box_.min.y()) break;
+      j -= stride;
+    }
+  }
+
+  void mill_line(double level, int j) {
+    std::vector<double> wish(tip_columns());
+    for (int i = 0; i < tip_columns(); ++i) wish[i] = std::max(level, static_cast<double>(tip_.at(i, j)));
+    // Forward, and where a ramp has left something, back and forth until nothing is left.
+    for (int traverse = 0; traverse < kMostTraverses; ++traverse) {
+      std::vector<char> need(tip_columns());
+      bool any = false;
+      for (int i = 0; i < tip_columns(); ++i) any |= (need[i] = meet(i, j, wish[i]).touches) != 0;
+      if (!any) break;
+      const int gap = static_cast<int>(kGapMm / dx_);
+      std::vector<std::pair<int, int>> stretches;
+      for (int i = 0; i < tip_columns(); ++i) {
+        if (!need[i]) continue;
+        if (!stretches.empty() && i - stretches.back().second <= gap) stretches.back().second = i;
+        else stretches.emplace_back(i, i);
+      }
+      const bool forward = traverse % 2 == 0;
+      if (!forward) std::reverse(stretches.begin(), stretches.end());
+      for (const auto& [first, last] : stretches) {
+        const int from = std::max(0, first - 1);
+        const int to = std::min(tip_columns() - 1, last + 1);
+        if (forward) mill_stretch(wish, j, from, to);
+        else mill_stretch(wish, j, to, from);
+      }
+    }
+  }
+
+  /// From column `from` to `to`; the first one is clear of material.
+  void mill_stretch(const std::vector<double>& wish, int j, int from, int to) {
+    const int step = to >= from ? 1 : -1;
+    const double cut_feed = mill_.feed_mm_per_s();
+    const double plunge_feed = std::min(cut_feed, mill_.plunge_feed_mm_per_s);
+    approach(Vec3(x_of(from), y_of(j), wish[from]), from, j);
+    struct Point {
+      double x, z;
+      MoveKind kind;
+      double feed;
+    };
+    std::vector<Point> points{{x_of(from), wish[from], MoveKind::kCut, 0}};
+    double z = wish[from];
+    remove(from, j, z);
+    const int widest = static_cast<int>(std::ceil(options_.stepover_mm / dy_)) + 2;
+    for (int i = from + step; i != to + step; i += step) {
+      const double core = std::max(wish[i], static_cast<double>(meet(i, j, wish[i]).core_top));
+      const double next = std::max(wish[i], std::min(core, z - dx_ * kRampSlope));
+      const Meeting m = meet(i, j, next);
+      Point p{x_of(i), next, MoveKind::kCut, cut_feed};
+      if (m.touches && z - next > 0.8 * dx_ * kRampSlope) {
+        p.kind = MoveKind::kPlunge;
+        p.feed = plunge_feed;
+      } else if (m.rows > widest) {
+        p.feed = cut_feed / 2;  // a slot
+      }
+      points.push_back(p);
+      z = next;
+      remove(i, j, z);
+    }
+    // Chords that stay above the way and near it.
+    constexpr double kChordMm = 0.01;
+    std::size_t at = 0;
+    while (at + 1 < points.size()) {
+      std::size_t end = at + 1;
+      for (std::size_t k = at + 2; k < points.size() && k < at + 400; ++k) {
+        if (points[k].kind != points[at + 1].kind || points[k].feed != points[at + 1].feed) break;
+        bool fits = true;
+        for (std::size_t m = at + 1; m < k && fits; ++m) {
+          const double t = (points[m].x - points[at].x) / (points[k].x - points[at].x);
+          const double above = points[at].z + t * (points[k].z - points[at].z) - points[m].z;
+          fits = above > -1e-9 && above < kChordMm;
+        }
+        if (!fits) break;
+        end = k;
+      }
+      push({points[end].x, y_of(j), points[end].z}, points[end].kind, points[end].feed);
+      at = end;
+    }
+  }
+
+  /// To a start that is clear of material, through air.
+  void approach(const Vec3& start, int i, int j) {
+    if (moves_.empty()) {
+      push({start.x(), start.y(), clearance_z_}, MoveKind::kRapid, 0);
+    } else {
+      const Vec3 here = moves_.back().pose.tip_mm;
+      if ((here - start).norm() < 1e-9) return;
+      if ((here - start).head<2>().norm() > kShortLinkMm) {
+        lift_to(clearance_z_);
+        push({start.x(), start.y(), clearance_z_}, MoveKind::kRapid, 0);
+      } else {
+        const double over = std::min(clearance_z_, std::max({highest_between(here, start) + kAboveMm, here.z(), start.z()}));
+        lift_to(over);
+        push({start.x(), start.y(), over}, MoveKind::kLink, options_.link_feed_mm_per_s);
+      }
+    }
+    // Beside the block straight down; above it the last millimetre with care.
+    const bool beside = x_of(i) <= box_.min.x() - radius_ || x_of(i) >= box_.max.x() + radius_ ||
+                        y_of(j) <= box_.min.y() - radius_ || y_of(j) >= box_.max.y() + radius_;
+    const double careful = std::min(moves_.back().pose.tip_mm.z(), start.z() + kAboveMm);
+    if (!beside && careful > start.z()) {
+      push({start.x(), start.y(), careful}, MoveKind::kLink, options_.link_feed_mm_per_s);
+      push(start, MoveKind::kPlunge, mill_.plunge_feed_mm_per_s);
+    } else {
+      push(start, MoveKind::kLink, options_.link_feed_mm_per_s);
+    }
+  }
+
+  void lift_to(double z) {
+    const Vec3 here = moves_.back().pose.tip_mm;
+    if (z > here.z()) push({here.x(), here.y(), z}, MoveKind::kLink, options_.link_feed_mm_per_s);
+  }
+
+  /// Highest stock under the cutter on the straight way between two places.
+  [[nodiscard]] double highest_between(const Vec3& a, const Vec3& b) const {
+    const auto clamped = [](double u, int most) { return std::clamp(static_cast<int>(std::lround(u)), 0, most); };
+    const int i0 = clamped((std::min(a.x(), b.x()) - radius_ - box_.min.x()) / dx_ - 1, block_nx_);
+    const int i1 = clamped((std::max(a.x(), b.x()) + radius_ - box_.min.x()) / dx_ + 1, block_nx_);
+    const int j0 = clamped((std::min(a.y(), b.y()) - radius_ - box_.min.y()) / dy_ - 1, block_ny_);
+    const int j1 = clamped((std::max(a.y(), b.y()) + radius_ - box_.min.y()) / dy_ + 1, block_ny_);
+    float highest = kNothing;
+    for (int j = j0; j <= j1; ++j) {
+      for (int i = i0; i <= i1; ++i) highest = std::max(highest, stock_.at(i, j));
+    }
+    return highest;
+  }
+
+  void push(const Vec3& tip, MoveKind kind, double feed) {
+    if (!moves_.empty() && kind != MoveKind::kRapid && (moves_.back().pose.tip_mm - tip).norm() < 1e-9) return;
+    moves_.push_back({{tip, Vec3::UnitZ()}, kind, feed});
+  }
+
+  /// Highest material above the surface at the block's nodes within the lens.
+  [[nodiscard]] double most_left_mm() const {
+    double most = 0;
+    const Box2& lens = surface_.extent();
+    for (int j = 0; j <= block_ny_; ++j) {
+      for (int i = 0; i <= block_nx_; ++i) {
+        if (!lens.contains({box_.min.x() + i * dx_, box_.min.y() + j * dy_})) continue;
+        const double design = target_.at(i, j) - margin_mm_ - options_.allowance_mm;
+        most = std::max(most, stock_.at(i, j) - design);
+      }
+    }
+    return most;
+  }
+
+  const SplineSurface& surface_;
+  const Blank& blank_;
+  const Cutter& mill_;
+  const RoughOptions& options_;
+  double radius_;
+  Box2 box_;
+  int block_nx_ = 0, block_ny_ = 0, rim_x_ = 0, rim_y_ = 0;
+  double dx_ = 0, dy_ = 0;
+  std::vector<Offset> offsets_;
+  Grid<float> target_, tip_, stock_;
+  double margin_mm_ = 0, lowest_tip_ = 0, clearance_z_ = 0;
+  std::vector<Move> moves_;
+};
+
+}  // namespace
+
+ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const RoughOptions& options,
+                       const Monitor& monitor) {
+  const auto refuse = [](const std::string& what) { throw InputError("rough: " + what); };
+  if (!(blank.size_mm.x() > 0 && blank.size_mm.y() > 0 && blank.height_mm > 0)) refuse("the blank has no size");
+  if (!(mill.radius_mm() > 0 && mill.feed_mm_per_s() > 0 && mill.plunge_feed_mm_per_s > 0)) {
+    refuse("the cutter '" + mill.name + "' has no diameter or no feeds");
+  }
+  if (!(options.allowance_mm >= 0)) refuse("allowance_mm must be at least 0");
+  if (!(options.stepdown_mm >= 0.05)) refuse("stepdown_mm must be at least 0.05");
+  if (!(options.stepover_mm >= kPitchMm && options.stepover_mm <= mill.diameter_mm)) {
+    refuse("stepover_mm must be from " + compact(kPitchMm, 3) + " to the cutter's diameter");
+  }
+  if (!(options.clearance_mm > 0 && options.link_feed_mm_per_s > 0)) refuse("clearance and link feed must be above 0");
+  const Box2 block = Box2::centred(blank.size_mm);
+  const Box2& lens = surface.extent();
+  if (lens.min.x() < block.min.x() - 1e-6 || lens.min.y() < block.min.y() - 1e-6 || lens.max.x() > block.max.x() + 1e-6 ||
+      lens.max.y() > block.max.y() + 1e-6) {
+    refuse("the blank of " + compact(blank.size_mm.x(), 3) + " x " + compact(blank.size_mm.y(), 3) +
+           " mm is smaller than the lens; give a larger one");
+  }
+  const double highest = surface.highest();
+  if (highest > blank.height_mm + 1e-6) {
+    refuse("the lens is " + compact(highest - blank.height_mm, 3) + " mm taller than the blank of " +
+           compact(blank.height_mm, 3) + " mm; use a higher blank (stock.height_mm) or a longer distance");
+  }
+  return Rougher(surface, blank, mill, options).plan(monitor);
+}
+
+}  // namespace lightmill
