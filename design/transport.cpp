@@ -35,6 +35,10 @@ constexpr double kEmpty = 1e-9;  // a cell with less than this share of its mass
 constexpr double kArmijo = 1e-4;
 constexpr int kMemory = 12;                // pairs that L-BFGS remembers
 constexpr double kNewtonFrom = 0.03;       // l1 error below which Newton takes over, once no cell is empty
+constexpr double kJoin = 1e-10;
+constexpr double kNarrowing = 0.3;        // factor on the radius of strips and disks from stage to stage
+constexpr double kLeastNarrowing = 0.95;  // smaller steps than this are left to the descent
+constexpr double kStartRadius = 1.0;      // of strips and disks on every level, in distances between sites
 constexpr double kCoarseTolerance = 3e-2;  // of the worst cell on all levels but the finest
 
 double dot(const Potential& a, const Potential& b) {
@@ -69,23 +73,46 @@ struct Evaluation {
 /// One level of the multi-scale solver.
 class Level {
  public:
-  Level(const Sampling& sampling, const TargetMeasure& measure, double reach, const TransportOptions& options)
+  Level(const Sampling& sampling, TargetMeasure measure, double reach, const TransportOptions& options)
       : sampling_(sampling),
-        measure_(measure),
+        measure_(std::move(measure)),
         options_(options),
         builder_(sampling.sites, reach),
         metric_(static_cast<int>(sampling.sites.size()), sampling.edges) {}
 
   /// Improves psi until the errors are below `l1` and `most` and no cell is empty; returns the best it found otherwise.
   Evaluation solve(Potential psi, double l1, double most, const Monitor& monitor) {
-    evaluations_ = 0;
-    Evaluation now = evaluate(std::move(psi));
+    return solve_from(evaluate(std::move(psi)), l1, most, monitor);
+  }
+  Evaluation solve_from(Evaluation now, double l1, double most, const Monitor& monitor) {
+    budget_ = evaluations_ + options_.max_iterations;
     const auto done = [&] { return now.empty == 0 && now.l1_error <= l1 && now.max_error <= most; };
     double newton_from = kNewtonFrom;
-    while (!done() && evaluations_ < options_.max_iterations) {
+    while (!done() && evaluations_ < budget_) {
       descend(now, newton_from, done, monitor);
       if (done()) break;
       if (!newton(now, done, monitor)) newton_from = std::min(newton_from, now.l1_error) / 2;
+    }
+    return now;
+  }
+
+  /// Follows the solution `now` while strips and disks become narrower, down to `radius`. The potential is nearly linear in
+  /// their radius, hence a tangent d psi / dr = H^-1 d mu / dr and a few Newton steps lead from one radius to the next.
+  Evaluation narrow(Evaluation now, double radius, double l1, double most, const Monitor& monitor) {
+    double factor = kNarrowing;
+    while (measure_.radius > radius) {
+      const double from = measure_.radius;
+      const Potential tangent = hessian(now).solve(radius_derivative(now));
+      Evaluation next;
+      for (;;) {
+        measure_.radius = std::max(radius, from * factor);
+        next = evaluate(plus(now.psi, measure_.radius - from, tangent));
+        if ((next.empty == 0 && next.min_share > 0.05 && next.l1_error < 0.5) || factor > kLeastNarrowing) break;
+        factor = std::sqrt(factor);
+      }
+      now = solve_from(std::move(next), l1, most, monitor);
+      if (now.empty > 0) break;
+      factor = std::max(kNarrowing, factor * factor);
     }
     return now;
   }
@@ -112,7 +139,7 @@ class Level {
     }
     e.psi = std::move(psi);
     if (std::getenv("LM_TRACE"))
-      std::fprintf(stderr, "  n %zu eval %d value %.12g %s\n", n, evaluations_, e.value, e.words().c_str());
+      std::fprintf(stderr, "  n %zu r %.4g eval %d value %.12g %s\n", n, measure_.radius, evaluations_, e.value, e.words().c_str());
     return e;
   }
 
@@ -126,9 +153,9 @@ class Level {
     std::deque<Pair> memory;
     int filled = 0;  // iterations in a row without an empty cell
     double gamma = 1;
-    while (evaluations_ < options_.max_iterations) {
+    while (evaluations_ < budget_) {
       monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
-                     static_cast<double>(evaluations_) / options_.max_iterations);
+                     1 - static_cast<double>(budget_ - evaluations_) / options_.max_iterations);
       // Two-loop recursion [Nocedal and Wright 2006, alg. 7.4].
       Potential d = now.gradient;
       std::vector<double> alpha(memory.size());
@@ -158,7 +185,7 @@ class Level {
           next = std::move(trial);
           break;
         }
-        if (attempt == 30 || evaluations_ >= options_.max_iterations) break;
+        if (attempt == 30 || evaluations_ >= budget_) break;
         // The parabola through both values and the slope, within reason.
         const double parabola = -slope * t * t / (2 * (trial.value - now.value - slope * t));
         t = std::clamp(parabola, 0.1 * t, 0.5 * t);
@@ -184,29 +211,43 @@ class Level {
     }
   }
 
+  /// The dual's second derivative, -d mu(C_i) / d psi_j.
+  [[nodiscard]] Laplacian hessian(const Evaluation& e) const {
+    std::vector<GraphEdge> edges;
+    double total = 0;
+    for (std::size_t k = 0; k < e.diagram.edges.size(); ++k) {
+      const double slope = e.cells.edge_slopes[k];
+      if (!(slope > 0)) continue;
+      edges.push_back({e.diagram.edges[k].a, e.diagram.edges[k].b, slope});
+      total += slope;
+    }
+    // A trace of the metric joins parts of the target that no cell bridges.
+    double metric_total = 0;
+    for (const auto& edge : sampling_.edges) metric_total += edge.weight;
+    for (const auto& edge : sampling_.edges) edges.push_back({edge.a, edge.b, kJoin * total / metric_total * edge.weight});
+    return {static_cast<int>(e.psi.size()), edges};
+  }
+
+  /// d mu(C_i) / d radius at constant potential.
+  Potential radius_derivative(const Evaluation& e) {
+    constexpr double kShare = 1e-4;
+    const double radius = measure_.radius;
+    measure_.radius = radius * (1 - kShare);
+    const CellIntegrals narrower = integrate_cells(measure_, e.diagram, sampling_.sites, e.psi, starts_);
+    measure_.radius = radius;
+    Potential derivative(e.psi.size());
+    for (std::size_t i = 0; i < derivative.size(); ++i) derivative[i] = (e.cells.masses[i] - narrower.masses[i]) / (kShare * radius);
+    return derivative;
+  }
+
   /// Damped Newton [Kitagawa, Merigot, Thibert 2019, alg. 1]. False when the step becomes too small.
   template <typename Done>
   bool newton(Evaluation& now, const Done& done, const Monitor& monitor) {
     const double least = std::min(now.min_share, 1.0) / 2;
-    while (!done() && evaluations_ < options_.max_iterations) {
+    while (!done() && evaluations_ < budget_) {
       monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
-                     static_cast<double>(evaluations_) / options_.max_iterations);
-      std::vector<GraphEdge> edges;
-      double total = 0;
-      for (std::size_t e = 0; e < now.diagram.edges.size(); ++e) {
-        const auto& edge = now.diagram.edges[e];
-        if (now.cells.edge_slopes[e] > 0) {
-          edges.push_back({edge.a, edge.b, now.cells.edge_slopes[e]});
-          total += now.cells.edge_slopes[e];
-        }
-      }
-      // A trace of the metric joins parts of the target that no cell bridges.
-      double metric_total = 0;
-      for (const auto& edge : sampling_.edges) metric_total += edge.weight;
-      for (const auto& edge : sampling_.edges)
-        edges.push_back({edge.a, edge.b, 1e-10 * total / metric_total * edge.weight});
-      const Laplacian hessian(static_cast<int>(now.psi.size()), edges);
-      const Potential step = hessian.solve(now.gradient);
+                     1 - static_cast<double>(budget_ - evaluations_) / options_.max_iterations);
+      const Potential step = hessian(now).solve(now.gradient);
       const double norm = std::sqrt(dot(now.gradient, now.gradient));
       double alpha = 1;
       for (;;) {
@@ -216,19 +257,20 @@ class Level {
           break;
         }
         alpha /= 2;
-        if (alpha < 1e-3 || evaluations_ >= options_.max_iterations) return false;
+        if (alpha < 1e-3 || evaluations_ >= budget_) return false;
       }
     }
     return true;
   }
 
   const Sampling& sampling_;
-  const TargetMeasure& measure_;
+  TargetMeasure measure_;
   const TransportOptions& options_;
   PowerDiagramBuilder builder_;
   Laplacian metric_;
   std::vector<int> starts_;
   int evaluations_ = 0;
+  int budget_ = 0;  // of evaluations, for the solve that is running
 };
 
 /// Mean and standard deviation of the target in x and y.
@@ -328,12 +370,13 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
       }
     }
     for (const auto& point : target.points) measure.disks.push_back({point.position_mm - spread.mean, point.flux});
-    measure.strip_radius = options.point_radius_mm;
-    measure.disk_radius = options.point_radius_mm;
+    const double start_scale = std::getenv("LM_START") ? std::atof(std::getenv("LM_START")) : kStartRadius;
+    const double spacing = std::sqrt(12 * sampling.spread.x() * sampling.spread.y() / n);
+    measure.radius = std::max(options.point_radius_mm, start_scale * spacing);
 
     if (psi.empty()) {
       // The affine map with the right centre and spreads.
-      const Vec2 stretch = spread.deviation.cwiseQuotient(sampling.spread);
+      const Vec2 stretch = spread_of(target, measure.radius).deviation.cwiseQuotient(sampling.spread);
       psi.resize(n);
       for (int i = 0; i < n; ++i) psi[i] = stretch.dot(sampling.sites[i].cwiseProduct(sampling.sites[i])) / 2;
     } else {
@@ -341,11 +384,14 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
     }
 
     const double share = std::pow(0.25, level);
-    Level solver(sampling, measure, reach, options);
+    Level solver(sampling, std::move(measure), reach, options);
     const bool finest = level == 0;
     result = solver.solve(std::move(psi), finest ? options.l1_tolerance : kCoarseTolerance,
                           finest ? options.max_tolerance : kCoarseTolerance,
                           monitor.part(share_done, share_done + 0.75 * share));
+    if (finest && !(target.curves.empty() && target.points.empty())) {
+      result = solver.narrow(std::move(*result), options.point_radius_mm, options.l1_tolerance, options.max_tolerance, monitor.part(0.9, 1));
+    }
     share_done += 0.75 * share;
     psi = result->psi;
     map.summary.iterations += solver.evaluations();

@@ -46,7 +46,7 @@ Sampling sample_disk(double radius, int count, const Monitor& monitor) {
   }
   TargetMeasure disk;
   disk.disks = {{Vec2(0, 0), 1.0}};
-  disk.disk_radius = radius;
+  disk.radius = radius;
   for (int iteration = 0;; ++iteration) {
     monitor.check();
     const PowerDiagramBuilder builder(sampling.sites, radius);

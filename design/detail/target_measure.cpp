@@ -442,8 +442,8 @@ CellIntegrals integrate_cells(const TargetMeasure& measure, const PowerDiagram& 
           int hint = starts[r];
           if (hint >= n || diagram.first_edge[hint] == diagram.first_edge[hint + 1]) hint = visible;
           starts[r] = r < measure.strips.size()
-                          ? walker.walk(StripRegion{measure.strips[r], measure.strip_radius}, hint, additions[b])
-                          : walker.walk(DiskRegion{measure.disks[r - measure.strips.size()], measure.disk_radius}, hint,
+                          ? walker.walk(StripRegion{measure.strips[r], measure.radius}, hint, additions[b])
+                          : walker.walk(DiskRegion{measure.disks[r - measure.strips.size()], measure.radius}, hint,
                                         additions[b]);
         }
       }

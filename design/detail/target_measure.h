@@ -68,8 +68,7 @@ struct TargetMeasure {
   PixelDensity pixels;
   std::vector<Strip> strips;
   std::vector<Disk> disks;
-  double strip_radius = 0;
-  double disk_radius = 0;
+  double radius = 0;
 };
 
 struct CellIntegrals {
