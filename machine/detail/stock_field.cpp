@@ -1,0 +1,328 @@
+#include "machine/detail/stock_field.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "design/core/errors.h"
+#include "design/core/parallel.h"
+#include "design/core/text.h"
+
+namespace lightmill {
+
+namespace {
+constexpr double kMostNodes = 4e8;  ///< 3.2 GB of heights and makers
+/// Slack of the tests that leave out tiles, over all rounding in them.
+constexpr double kSlack_mm = 1e-7;
+}  // namespace
+
+StockField::StockField(const Blank& blank, double pitch_mm) : pitch_mm_(pitch_mm), blank_height_mm_(blank.height_mm) {
+  if (!(pitch_mm > 0)) throw InputError("dry_run.pitch_um must be above 0, not " + compact(pitch_mm * 1000, 3));
+  if (!(blank.size_mm.x() > 0 && blank.size_mm.y() > 0 && blank.height_mm > 0)) {
+    throw InputError("the blank must have a size and a height above 0, not " + compact(blank.size_mm.x(), 3) + " x " +
+                     compact(blank.size_mm.y(), 3) + " x " + compact(blank.height_mm, 3) + " mm");
+  }
+  // A blank that is not a whole number of pitches keeps its nodes centred, less than half a pitch inside its rim.
+  const double columns = std::floor(blank.size_mm.x() / pitch_mm + 1e-6) + 1;
+  const double rows = std::floor(blank.size_mm.y() / pitch_mm + 1e-6) + 1;
+  if (columns * rows > kMostNodes) {
+    throw InputError("a pitch of " + compact(pitch_mm * 1000, 3) + " um makes " + compact(columns * rows / 1e6, 0) +
+                     " million nodes of this blank; ask for a coarser dry_run.pitch_um");
+  }
+  const int width = static_cast<int>(columns);
+  const int height = static_cast<int>(rows);
+  const Vec2 half((width - 1) * pitch_mm / 2, (height - 1) * pitch_mm / 2);
+  extent_ = {-half, half};
+  heights_ = Grid<float>(width, height, static_cast<float>(blank.height_mm));
+  makers_ = Grid<std::uint32_t>(width, height, kUncut);
+  int w = (width + kTileNodes - 1) / kTileNodes;
+  int h = (height + kTileNodes - 1) / kTileNodes;
+  for (;;) {
+    pyramid_.emplace_back(w, h, static_cast<float>(blank.height_mm));
+    if (w == 1 && h == 1) break;
+    w = (w + 1) / 2;
+    h = (h + 1) / 2;
+  }
+}
+
+StockField::TileRange StockField::tiles(const Box2& rectangle) const {
+  const double left = (rectangle.min.x() - extent_.min.x()) / pitch_mm_;
+  const double right = (rectangle.max.x() - extent_.min.x()) / pitch_mm_;
+  const double bottom = (rectangle.min.y() - extent_.min.y()) / pitch_mm_;
+  const double top = (rectangle.max.y() - extent_.min.y()) / pitch_mm_;
+  if (!(right >= 0 && top >= 0 && left <= heights_.width - 1 && bottom <= heights_.height - 1)) return {};
+  const auto tile = [](double node, int count) {
+    return static_cast<int>(std::clamp(node, 0.0, count - 1.0)) / kTileNodes;
+  };
+  return {tile(left, heights_.width), tile(right, heights_.width), tile(bottom, heights_.height),
+          tile(top, heights_.height)};
+}
+
+double StockField::highest(const Box2& rectangle) const {
+  TileRange range = tiles(rectangle);
+  if (range.empty()) return -kNothing;
+  std::size_t level = 0;
+  while (level + 1 < pyramid_.size() && (range.i1 - range.i0 > 3 || range.j1 - range.j0 > 3)) {
+    range = {range.i0 / 2, range.i1 / 2, range.j0 / 2, range.j1 / 2};
+    ++level;
+  }
+  float most = -std::numeric_limits<float>::infinity();
+  for (int j = range.j0; j <= range.j1; ++j) {
+    for (int i = range.i0; i <= range.i1; ++i) most = std::max(most, pyramid_[level].at(i, j));
+  }
+  return most;
+}
+
+/// Calls visit(node index, i, j, height) for the nodes of a tile that the sweep may lower below `below`: a superset of those
+/// whose least height along the path is on this motion or on its first vertex.
+template <typename Visit>
+void StockField::visit_tile(const Sweep& sweep, int ti, int tj, double below, Visit&& visit) const {
+  const Vec2 centre = tile_centre(ti, tj);
+  const double half = tile_half_mm();
+  const int i_begin = ti * kTileNodes;
+  const int i_end = std::min(i_begin + kTileNodes, heights_.width);
+  const int j_begin = tj * kTileNodes;
+  const int j_end = std::min(j_begin + kTileNodes, heights_.height);
+  if (sweep.shape == Sweep::Shape::kTilted) {
+    // A cylinder around everything that the cutter covers while the tile's nodes move to its centre and it to mid-way.
+    const Frustum around{0, std::max(sweep.body.top_mm, sweep.body.corner_mm) + sweep.body.corner_mm,
+                         sweep.body.flat_mm + sweep.body.corner_mm, sweep.body.flat_mm + sweep.body.corner_mm};
+    const double slack = half * std::sqrt(2.0) + (sweep.to - sweep.from).norm() / 2 + kSlack_mm;
+    if (underside(around.grown(slack), (sweep.from + sweep.to) / 2, sweep.axis, centre.x(), centre.y()) >= below) return;
+    for (int j = j_begin; j < j_end; ++j) {
+      for (int i = i_begin; i < i_end; ++i) visit(heights_.index(i, j), i, j, sweep.height(x(i), y(j)));
+    }
+    return;
+  }
+  const double dx = centre.x() - sweep.from.x();
+  const double dy = centre.y() - sweep.from.y();
+  const double ax = sweep.along_x;
+  const double ay = sweep.along_y;
+  const double s = dx * ax + dy * ay;
+  const double u = std::abs(dy * ax - dx * ay);
+  const double spread = half * (std::abs(ax) + std::abs(ay)) + kSlack_mm;  // of s and of u over the tile
+  const double nearest = std::max(0.0, u - spread);
+  const double radius = sweep.radius_mm;
+  if (nearest >= radius) return;
+
+  double first = -kNothing;
+  double last = kNothing;
+  if (!sweep.whole) {
+    // The slab beside the motion, shifted to where a climbing ball touches, and the wedge behind its start.
+    const double r_most = std::sqrt(radius * radius - nearest * nearest);
+    const double farthest = u + spread;
+    const double r_least = farthest < radius ? std::sqrt(radius * radius - farthest * farthest) : 0.0;
+    const double shift_a = r_most * sweep.sine;
+    const double shift_b = r_least * sweep.sine;
+    first = std::min(shift_a, shift_b) - sweep.back_mm - kSlack_mm;
+    last = std::max(shift_a, shift_b) + sweep.length_mm + kSlack_mm;
+    if (sweep.shape == Sweep::Shape::kMill) {
+      first = -sweep.back_mm - kSlack_mm;
+      last = sweep.length_mm + kSlack_mm;
+    }
+    if (s + spread < first || s - spread > last) return;
+  }
+  const double behind = std::max({0.0, -(s + spread), s - spread - sweep.length_mm});
+  const double distance2 = nearest * nearest + behind * behind;
+  if (distance2 >= radius * radius || sweep.least_height(std::sqrt(distance2)) >= below) return;
+
+  for (int j = j_begin; j < j_end; ++j) {
+    const double node_y = y(j);
+    int from = i_begin;
+    int to = i_end;
+    if (!sweep.whole && std::abs(ax) > 0.1) {
+      // s grows by ax per mm of x along the row: the part of the row inside [first, last].
+      const double offset = (node_y - sweep.from.y()) * ay;
+      double x_a = sweep.from.x() + (first - offset) / ax;
+      double x_b = sweep.from.x() + (last - offset) / ax;
+      if (x_a > x_b) std::swap(x_a, x_b);
+      const double a = (x_a - extent_.min.x()) / pitch_mm_;
+      const double b = (x_b - extent_.min.x()) / pitch_mm_;
+      if (a > i_end || b < i_begin) continue;
+      from = std::max(from, static_cast<int>(std::ceil(std::max(a, 0.0))));
+      to = std::min(to, static_cast<int>(std::floor(std::min(b, static_cast<double>(i_end)))) + 1);
+    }
+    for (int i = from; i < to; ++i) {
+      const double height = sweep.height(x(i), node_y);
+      visit(heights_.index(i, j), i, j, height);
+    }
+  }
+}
+
+void StockField::cut_tile_row(std::span<const Sweep> sweeps, std::span<const std::uint32_t> makers, int tj) {
+  Grid<float>& level = pyramid_.front();
+  const double bottom = y(tj * kTileNodes);
+  const double top = y(std::min((tj + 1) * kTileNodes, heights_.height) - 1);
+  std::vector<char> changed(level.width, 0);
+  for (std::size_t k = 0; k < sweeps.size(); ++k) {
+    const Sweep& sweep = sweeps[k];
+    if (sweep.reach.max.y() < bottom || sweep.reach.min.y() > top) continue;
+    const TileRange range = tiles({{sweep.reach.min.x(), bottom}, {sweep.reach.max.x(), top}});
+    for (int ti = range.i0; ti <= range.i1; ++ti) {
+      const float below = level.at(ti, tj);
+      if (sweep.lowest_mm >= below) continue;
+      bool lowered = false;
+      visit_tile(sweep, ti, tj, below, [&](std::size_t node, int, int, double height) {
+        const float value = static_cast<float>(std::max(height, 0.0));
+        if (value < heights_.values[node]) {
+          heights_.values[node] = value;
+          makers_.values[node] = makers[k];
+          lowered = true;
+        }
+      });
+      if (lowered) changed[ti] = 1;
+    }
+  }
+  for (int ti = 0; ti < level.width; ++ti) {
+    if (changed[ti] == 0) continue;
+    float most = 0;
+    for (int j = tj * kTileNodes; j < std::min((tj + 1) * kTileNodes, heights_.height); ++j) {
+      const auto row = heights_.values.begin() + static_cast<std::ptrdiff_t>(heights_.index(ti * kTileNodes, j));
+      most = std::max(most, *std::max_element(row, row + std::min(kTileNodes, heights_.width - ti * kTileNodes)));
+    }
+    level.at(ti, tj) = most;
+  }
+}
+
+void StockField::cut(std::span<const Sweep> sweeps) {
+  if (sweeps.empty()) return;
+  Box2 reach;
+  std::vector<std::uint32_t> makers(sweeps.size(), kNotABall);
+  for (std::size_t k = 0; k < sweeps.size(); ++k) {
+    reach.include(sweeps[k].reach.min);
+    reach.include(sweeps[k].reach.max);
+    if (sweeps[k].shape == Sweep::Shape::kBall) {
+      makers[k] = static_cast<std::uint32_t>(witnesses_.size());
+      witnesses_.push_back({sweeps[k].from, sweeps[k].to, sweeps[k].radius_mm});
+    }
+  }
+  const TileRange range = tiles(reach);
+  if (range.empty()) return;
+  // A tile row belongs to one thread at a time, so nodes and pyramid need no locks.
+  parallel_blocks(range.j1 - range.j0 + 1, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t row = begin; row < end; ++row) cut_tile_row(sweeps, makers, range.j0 + static_cast<int>(row));
+  });
+  refresh_pyramid(range);
+}
+
+void StockField::refresh_pyramid(const TileRange& changed) {
+  TileRange range = changed;
+  for (std::size_t level = 1; level < pyramid_.size(); ++level) {
+    range = {range.i0 / 2, range.i1 / 2, range.j0 / 2, range.j1 / 2};
+    const Grid<float>& fine = pyramid_[level - 1];
+    for (int j = range.j0; j <= range.j1; ++j) {
+      for (int i = range.i0; i <= range.i1; ++i) {
+        const int right = std::min(2 * i + 1, fine.width - 1);
+        const int up = std::min(2 * j + 1, fine.height - 1);
+        pyramid_[level].at(i, j) = std::max(std::max(fine.at(2 * i, 2 * j), fine.at(right, 2 * j)),
+                                            std::max(fine.at(2 * i, up), fine.at(right, up)));
+      }
+    }
+  }
+}
+
+StockField::Probe StockField::probe(const Sweep& sweep) const {
+  Probe deepest;
+  if (!may_touch(sweep)) return deepest;
+  const TileRange range = tiles(sweep.reach);
+  for (int tj = range.j0; tj <= range.j1; ++tj) {
+    for (int ti = range.i0; ti <= range.i1; ++ti) {
+      const float below = tile_highest(ti, tj);
+      if (sweep.lowest_mm >= below) continue;
+      visit_tile(sweep, ti, tj, below, [&](std::size_t node, int i, int j, double height) {
+        const double depth = heights_.values[node] - height;
+        if (depth > deepest.depth_mm) deepest = {depth, {x(i), y(j), height}};
+      });
+    }
+  }
+  return deepest;
+}
+
+double StockField::removed_mm3() const {
+  // Trapezoids: rim nodes stand for half a cell. Rows are summed in order, whatever thread summed each.
+  std::vector<double> rows(heights_.height);
+  parallel_blocks(rows.size(), 64, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t j = begin; j < end; ++j) {
+      const float* row = &heights_.values[j * heights_.width];
+      double sum = 0;
+      for (int i = 0; i < heights_.width; ++i) sum += blank_height_mm_ - row[i];
+      sum -= (2 * blank_height_mm_ - row[0] - row[heights_.width - 1]) / 2;
+      rows[j] = sum;
+    }
+  });
+  double sum = 0;
+  for (const double row : rows) sum += row;
+  sum -= (rows.front() + rows.back()) / 2;
+  return std::max(0.0, sum) * pitch_mm_ * pitch_mm_;
+}
+
+Grid<float> StockField::peaks() const {
+  Grid<float> peaks(heights_.width, heights_.height);
+  const double half = pitch_mm_ / 2;
+  parallel_blocks(heights_.height, 16, [&](std::size_t begin, std::size_t end) {
+    for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
+      for (int i = 0; i < heights_.width; ++i) {
+        const std::size_t node = heights_.index(i, j);
+        const double own = heights_.values[node];
+        peaks.values[node] = heights_.values[node];
+        // The balls that made the 3 x 3 nodes around, each once.
+        std::uint32_t makers[9];
+        int count = 0;
+        for (int b = std::max(j - 1, 0); b <= std::min(j + 1, heights_.height - 1); ++b) {
+          for (int a = std::max(i - 1, 0); a <= std::min(i + 1, heights_.width - 1); ++a) {
+            const std::uint32_t maker = makers_.at(a, b);
+            if (maker >= kNotABall) continue;
+            if (std::find(makers, makers + count, maker) == makers + count) makers[count++] = maker;
+          }
+        }
+        if (count < 2) continue;
+        SweptPoint around[9];
+        for (int k = 0; k < count; ++k) {
+          const BallWitness& ball = witnesses_[makers[k]];
+          around[k] = swept_ball(ball.from, ball.to, ball.radius_mm, x(i), y(j));
+        }
+        double peak = own;
+        for (int a = 0; a < count; ++a) {
+          if (around[a].height == kNothing) continue;
+          for (int b = a + 1; b < count; ++b) {
+            if (around[b].height == kNothing) continue;
+            // Both surfaces rise from the plane of their mean slope by -+ k: they meet where k . d = half the difference of
+            // their heights, nearest to the node at d = k difference / 2 |k|^2, or nowhere in the cell.
+            const double kx = (around[b].slope_x - around[a].slope_x) / 2;
+            const double ky = (around[b].slope_y - around[a].slope_y) / 2;
+            const double difference = (around[a].height - around[b].height) / 2;
+            const double most = (std::abs(kx) + std::abs(ky)) * half;
+            if (most < 1e-6 || std::abs(difference) > most) continue;
+            double place_x = kx * difference / (kx * kx + ky * ky);
+            double place_y = ky * difference / (kx * kx + ky * ky);
+            if (std::abs(place_x) > half) {
+              place_x = std::copysign(half, place_x);
+              if (ky != 0) place_y = (difference - kx * place_x) / ky;
+            } else if (std::abs(place_y) > half) {
+              place_y = std::copysign(half, place_y);
+              if (kx != 0) place_x = (difference - ky * place_y) / kx;
+            }
+            // The envelope of all of them there, carried back to the node along the mean slope of the two at that place.
+            double envelope = kNothing;
+            double mean_x = 0;
+            double mean_y = 0;
+            for (int k = 0; k < count; ++k) {
+              const BallWitness& ball = witnesses_[makers[k]];
+              const SweptPoint there = swept_ball(ball.from, ball.to, ball.radius_mm, x(i) + place_x, y(j) + place_y);
+              envelope = std::min(envelope, there.height);
+              if (k != a && k != b) continue;
+              mean_x += there.slope_x / 2;
+              mean_y += there.slope_y / 2;
+            }
+            if (envelope == kNothing) continue;
+            peak = std::max(peak, envelope - mean_x * place_x - mean_y * place_y);
+          }
+        }
+        peaks.values[node] = static_cast<float>(peak);
+      }
+    }
+  });
+  return peaks;
+}
+
+}  // namespace lightmill

@@ -1,0 +1,244 @@
+#include "machine/dry_run.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "design/core/errors.h"
+#include "design/core/parallel.h"
+#include "design/core/text.h"
+
+namespace lightmill {
+
+namespace {
+
+/// Cusps are counted in bins for their percentile.
+constexpr double kCuspBin_um = 0.001;
+constexpr int kCuspBins = 100000;
+
+struct Measures {
+  double gouge = 0, cusp = 0, residue = 0;
+  Vec2 gouge_place = Vec2::Zero(), cusp_place = Vec2::Zero();
+  std::size_t gouged = 0;
+};
+
+}  // namespace
+
+Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface& design, const ReachableSurface& reachable,
+                            const DeviationOptions& options, const Monitor& monitor) {
+  const int width = machined.heights_mm.width;
+  const int height = machined.heights_mm.height;
+  Deviation result;
+  result.deviation_um = Grid<float>(width, height);
+  result.unreachable_area_mm2 = reachable.unreachable_area_mm2;
+
+  Box2 measured = design.extent();
+  measured.min += Vec2::Constant(options.border_mm - 1e-9);
+  measured.max -= Vec2::Constant(options.border_mm - 1e-9);
+  const Grid<float>& closing = reachable.closing_mm;
+
+  // Blocks of rows do not depend on the threads; they are put together in order.
+  constexpr std::size_t kRows = 32;
+  const std::size_t blocks = (height + kRows - 1) / kRows;
+  std::vector<Measures> measures(blocks);
+  std::vector<float> cusps(machined.peaks_mm.values.size(), -1.0F);  // of reachable nodes
+  constexpr std::size_t kBlocksPerReport = 16;
+  for (std::size_t first = 0; first < blocks; first += kBlocksPerReport) {
+    monitor.report("comparing with the design", static_cast<double>(first) / blocks);
+    const std::size_t count = std::min(kBlocksPerReport, blocks - first);
+    parallel_blocks(count, 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t block = first + begin; block < first + end; ++block) {
+        Measures& m = measures[block];
+        const int j_end = static_cast<int>(std::min<std::size_t>((block + 1) * kRows, height));
+        for (int j = static_cast<int>(block * kRows); j < j_end; ++j) {
+          const double y = machined.extent.min.y() + machined.pitch_mm * j;
+          for (int i = 0; i < width; ++i) {
+            const double x = machined.extent.min.x() + machined.pitch_mm * i;
+            const std::size_t node = machined.heights_mm.index(i, j);
+            const double design_height = design.height(x, y);
+            const double node_height = machined.heights_mm.values[node];
+            result.deviation_um.values[node] = static_cast<float>((node_height - design_height) * 1000);
+            if (!measured.contains({x, y})) continue;
+
+            // The closing and its residue in the cell around.
+            const double a = std::clamp((x - reachable.extent.min.x()) / reachable.pitch_mm, 0.0, closing.width - 1.0);
+            const double b = std::clamp((y - reachable.extent.min.y()) / reachable.pitch_mm, 0.0, closing.height - 1.0);
+            const int ia = std::min(static_cast<int>(a), std::max(closing.width - 2, 0));
+            const int jb = std::min(static_cast<int>(b), std::max(closing.height - 2, 0));
+            const int ia1 = std::min(ia + 1, closing.width - 1);
+            const int jb1 = std::min(jb + 1, closing.height - 1);
+            const double fa = a - ia;
+            const double fb = b - jb;
+            const double closed = (1 - fb) * ((1 - fa) * closing.at(ia, jb) + fa * closing.at(ia1, jb)) +
+                                  fb * ((1 - fa) * closing.at(ia, jb1) + fa * closing.at(ia1, jb1));
+            const double residue = std::max(std::max(reachable.residue_um.at(ia, jb), reachable.residue_um.at(ia1, jb)),
+                                            std::max(reachable.residue_um.at(ia, jb1), reachable.residue_um.at(ia1, jb1)));
+            const double gouge = (std::max(closed, design_height) - node_height) * 1000;
+            if (gouge > m.gouge) {
+              m.gouge = gouge;
+              m.gouge_place = {x, y};
+            }
+            if (gouge > options.gouge_tolerance_um) ++m.gouged;
+            const double peak = (machined.peaks_mm.values[node] - design_height) * 1000;
+            if (residue < reachable.threshold_um) {
+              cusps[node] = static_cast<float>(std::max(peak, 0.0));
+              if (peak > m.cusp) {
+                m.cusp = peak;
+                m.cusp_place = {x, y};
+              }
+            } else {
+              m.residue = std::max(m.residue, peak);
+            }
+          }
+        }
+      }
+    });
+  }
+  std::size_t gouged = 0;
+  for (const Measures& m : measures) {
+    gouged += m.gouged;
+    if (m.gouge > result.max_gouge_um) {
+      result.max_gouge_um = m.gouge;
+      result.gouge_place_mm = m.gouge_place;
+    }
+    if (m.cusp > result.max_cusp_um) {
+      result.max_cusp_um = m.cusp;
+      result.cusp_place_mm = m.cusp_place;
+    }
+    result.residue_um = std::max(result.residue_um, m.residue);
+  }
+  result.gouged_area_mm2 = static_cast<double>(gouged) * machined.pitch_mm * machined.pitch_mm;
+
+  // The 99th percentile to a bin; above the bins it is the highest.
+  std::vector<std::size_t> bins(kCuspBins + 1, 0);
+  std::size_t total = 0;
+  for (const float cusp : cusps) {
+    if (cusp < 0) continue;
+    ++bins[static_cast<std::size_t>(std::min(cusp / kCuspBin_um, static_cast<double>(kCuspBins)))];
+    ++total;
+  }
+  std::size_t below = 0;
+  for (int bin = 0; bin <= kCuspBins && total > 0; ++bin) {
+    below += bins[bin];
+    if (static_cast<double>(below) >= 0.99 * static_cast<double>(total)) {
+      result.p99_cusp_um = bin == kCuspBins ? result.max_cusp_um : std::min((bin + 1) * kCuspBin_um, result.max_cusp_um);
+      break;
+    }
+  }
+  monitor.report("comparing with the design", 1);
+  return result;
+}
+
+namespace {
+
+/// Weights of a Gaussian at whole pitches, from the centre outwards, of sum 1 with both sides. Beyond 6 sigma 2e-9 is left out.
+std::vector<double> gaussian(double sigma_nodes) {
+  const int reach = static_cast<int>(std::ceil(6 * sigma_nodes));
+  std::vector<double> weights(reach + 1);
+  double sum = 0;
+  for (int k = 0; k <= reach; ++k) {
+    weights[k] = std::exp(-0.5 * (k / sigma_nodes) * (k / sigma_nodes));
+    sum += (k == 0 ? 1 : 2) * weights[k];
+  }
+  for (double& weight : weights) weight /= sum;
+  return weights;
+}
+
+/// Index mirrored about the first and last node (which are not repeated), whatever far out.
+int mirrored(int index, int count) {
+  if (count == 1) return 0;
+  const int period = 2 * (count - 1);
+  index = std::abs(index) % period;
+  return index < count ? index : period - index;
+}
+
+}  // namespace
+
+Grid<float> polish(const Grid<float>& heights_mm, double pitch_mm, double sigma_um) {
+  if (!(pitch_mm > 0)) throw InputError("the pitch must be above 0, not " + compact(pitch_mm, 6) + " mm");
+  if (!(sigma_um >= 0)) throw InputError("dry_run.polish_sigma_um must be at least 0, not " + compact(sigma_um, 3));
+  if (sigma_um == 0 || heights_mm.empty()) return heights_mm;
+  const std::vector<double> weights = gaussian(sigma_um / 1000 / pitch_mm);
+  const int reach = static_cast<int>(weights.size()) - 1;
+  const int width = heights_mm.width;
+  const int height = heights_mm.height;
+  Grid<float> result(width, height);
+  // Strips of rows: first down the columns in double, then along the rows.
+  constexpr std::size_t kRows = 64;
+  parallel_blocks(height, kRows, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> padded(static_cast<std::size_t>(width) + 2 * reach);
+    std::vector<double> sums(width);
+    for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
+      double* const column = padded.data() + reach;
+      const float* const centre = &heights_mm.values[static_cast<std::size_t>(j) * width];
+      for (int i = 0; i < width; ++i) column[i] = weights[0] * centre[i];
+      for (int k = 1; k <= reach; ++k) {
+        const float* const above = &heights_mm.values[static_cast<std::size_t>(mirrored(j - k, height)) * width];
+        const float* const below = &heights_mm.values[static_cast<std::size_t>(mirrored(j + k, height)) * width];
+        const double weight = weights[k];
+        for (int i = 0; i < width; ++i) column[i] += weight * (static_cast<double>(above[i]) + below[i]);
+      }
+      for (int k = 1; k <= reach; ++k) {
+        column[-k] = column[mirrored(-k, width)];
+        column[width - 1 + k] = column[mirrored(width - 1 + k, width)];
+      }
+      for (int i = 0; i < width; ++i) sums[i] = weights[0] * column[i];
+      constexpr int kSpan = 512;  // stays in the first cache for all weights
+      for (int from = 0; from < width; from += kSpan) {
+        const int to = std::min(from + kSpan, width);
+        for (int k = 1; k <= reach; ++k) {
+          const double weight = weights[k];
+          for (int i = from; i < to; ++i) sums[i] += weight * (column[i - k] + column[i + k]);
+        }
+      }
+      float* const out = &result.values[static_cast<std::size_t>(j) * width];
+      for (int i = 0; i < width; ++i) out[i] = static_cast<float>(sums[i]);
+    }
+  });
+  return result;
+}
+
+Grid<float> thinned(const Grid<float>& heights, int most_nodes) {
+  if (most_nodes < 1) throw InputError("a drawing needs at least one pixel, not " + std::to_string(most_nodes));
+  const int longer = std::max(heights.width, heights.height);
+  const int block = std::max(1, (longer + most_nodes - 1) / most_nodes);
+  if (block == 1) return heights;
+  Grid<float> result((heights.width + block - 1) / block, (heights.height + block - 1) / block);
+  parallel_blocks(result.height, 16, [&](std::size_t begin, std::size_t end) {
+    for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
+      for (int column = 0; column < result.width; ++column) {
+        double sum = 0;
+        int count = 0;
+        for (int j = row * block; j < std::min((row + 1) * block, heights.height); ++j) {
+          for (int i = column * block; i < std::min((column + 1) * block, heights.width); ++i) {
+            sum += heights.at(i, j);
+            ++count;
+          }
+        }
+        result.at(column, row) = static_cast<float>(sum / count);
+      }
+    }
+  });
+  return result;
+}
+
+ColourPicture deviation_picture(const Grid<float>& deviation_um, double range_um, int most_pixels) {
+  if (!(range_um > 0)) throw InputError("the range of a deviation picture must be above 0, not " + compact(range_um, 6) + " um");
+  const Grid<float> small = flipped_rows(thinned(deviation_um, most_pixels));
+  ColourPicture picture{Grid<float>(small.width, small.height), Grid<float>(small.width, small.height),
+                        Grid<float>(small.width, small.height)};
+  // Linear light of #2166ac and #b2182b (a diverging pair that colour-blind readers can tell apart), white between.
+  constexpr std::array<double, 3> kBelow{0.0152, 0.1329, 0.4125};
+  constexpr std::array<double, 3> kAbove{0.4452, 0.0091, 0.0242};
+  const std::array<Grid<float>*, 3> channels{&picture.red, &picture.green, &picture.blue};
+  for (std::size_t k = 0; k < small.values.size(); ++k) {
+    const double value = std::clamp(small.values[k] / range_um, -1.0, 1.0);
+    const auto& end = value < 0 ? kBelow : kAbove;
+    for (std::size_t c = 0; c < 3; ++c) {
+      channels[c]->values[k] = static_cast<float>(1 + std::abs(value) * (end[c] - 1));
+    }
+  }
+  return picture;
+}
+
+}  // namespace lightmill

@@ -1,0 +1,514 @@
+#include "machine/stock_model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "design/core/errors.h"
+#include "design/core/files.h"
+#include "design/core/image.h"
+#include "design/core/parallel.h"
+#include "design/core/text.h"
+#include "machine/detail/stock_field.h"
+#include "machine/detail/stock_tool.h"
+
+namespace lightmill {
+
+namespace {
+
+/// Moves that are collected before they are applied. More spread better over threads; fewer keep the upper bounds of the stock
+/// fresher, so that more of a tool's footprint is known to be air.
+constexpr std::size_t kBatchMoves = 2048;
+/// A ball's centre leaves the straight line between its ends by at most R angle^2 / 8 while the axis turns: 0.008 um at 2 mm.
+constexpr double kBallTurn_rad = 0.0056;
+/// Other cutters are swept with the axis of the piece's middle: their rim is off by R angle / 2, 0.5 um at 5 mm.
+constexpr double kMillTurn_rad = 2e-4;
+/// A mill whose axis leans by less is swept as vertical: 0.5 um at 5 mm.
+constexpr double kVertical_rad = 1e-4;
+/// Long motions of tilted mills are cut into pieces so that tiles can be left out.
+constexpr double kTiltedPiece_mm = 1.0;
+/// Ends that are nearer than this are one vertex of a path.
+constexpr double kSameVertex_mm = 1e-6;
+/// The tip may be this far below the back of the blank before that is a fault.
+constexpr double kTable_mm = 1e-3;
+
+}  // namespace
+
+struct StockModel::Impl {
+  struct Piece {
+    SweptMove move;
+    int tool = 0;
+    long number = 0;  ///< of the move, pieces of one move share it
+  };
+
+  /// A fault with all the consecutive moves that repeat it.
+  struct FaultRun {
+    std::string what;     ///< kind and part: what counts as the same fault
+    std::string message;  ///< without the count
+    long first_line = 0, last_line = 0;
+    long last_move = 0;
+    long moves = 0;
+  };
+
+  /// Where the path of cuts stands, so that only the wedge at a vertex is looked at and not a whole sphere.
+  struct OpenPath {
+    bool open = false;
+    bool capped = false;  ///< its last vertex has been cut as a whole
+    int tool = -1;
+    Sweep::Shape shape = Sweep::Shape::kBall;
+    Vec3 end = Vec3::Zero();
+    Vec3 direction = Vec3::Zero();
+    bool level = false;
+  };
+
+  Impl(const Blank& blank, const StockOptions& stock_options) : field(blank, stock_options.pitch_mm), options(stock_options) {}
+
+  StockField field;
+  StockOptions options;
+  std::vector<Tool> tools;
+  std::vector<Piece> pieces;
+  std::vector<Sweep> sweeps;  ///< not yet cut
+  OpenPath path;
+  long moves = 0;
+  std::vector<Fault> faults;
+  std::vector<FaultRun> runs;
+
+  void report(const std::string& kind, const std::string& part, const Piece& piece, const std::string& message,
+              const Vec3& place, double amount);
+  void apply();
+  void cut_collected();
+  void add_cut(const Piece& piece);
+  void add_flutes(const Piece& piece);
+  void end_path();
+  void check_tip(const Piece& piece, double margin, const std::string& kind, const std::string& says);
+  [[nodiscard]] std::vector<Sweep> tip_sweeps(const Piece& piece, double margin) const;
+  [[nodiscard]] double lowest_of_tip(const Piece& piece) const;
+};
+
+namespace {
+
+bool leans(const ToolPose& pose) { return std::hypot(pose.axis.x(), pose.axis.y()) > kVertical_rad; }
+
+double turn(const ToolPose& a, const ToolPose& b) {
+  return 2 * std::asin(std::min(1.0, (b.axis - a.axis).norm() / 2));
+}
+
+/// The pose at share t of a move: the tip on the line, the axis turned evenly.
+ToolPose pose_at(const SweptMove& move, double angle, double t) {
+  ToolPose pose{move.from.tip_mm + t * (move.to.tip_mm - move.from.tip_mm), move.from.axis};
+  if (angle > 1e-12) {
+    pose.axis = (std::sin((1 - t) * angle) * move.from.axis + std::sin(t * angle) * move.to.axis) / std::sin(angle);
+    pose.axis.normalize();
+  }
+  return pose;
+}
+
+std::string mm(double value) { return compact(value, 3) + " mm"; }
+
+const char* name_of(Tool::Part part) {
+  switch (part) {
+    case Tool::Part::kFlutes:
+      return "flutes";
+    case Tool::Part::kShank:
+      return "shank";
+    case Tool::Part::kHolder:
+      break;
+  }
+  return "holder";
+}
+
+}  // namespace
+
+void StockModel::Impl::report(const std::string& kind, const std::string& part, const Piece& piece,
+                              const std::string& message, const Vec3& place, double amount) {
+  const std::string what = kind + "/" + part;
+  std::size_t k = runs.size();
+  // The latest run of this kind goes on if this is the same move, the next one, or on the next line.
+  for (std::size_t back = runs.size(); back-- > 0;) {
+    if (runs[back].what != what) continue;
+    if (piece.number <= runs[back].last_move + 1 ||
+        (piece.move.line >= runs[back].last_line && piece.move.line <= runs[back].last_line + 1)) {
+      k = back;
+    }
+    break;
+  }
+  if (k == runs.size()) {
+    runs.push_back({what, message, piece.move.line, piece.move.line, piece.number, 1});
+    Fault fault;
+    fault.kind = kind;
+    fault.line = piece.move.line;
+    fault.place_mm = place;
+    fault.amount_mm = amount;
+    faults.push_back(fault);
+  } else {
+    FaultRun& run = runs[k];
+    run.last_line = std::max(run.last_line, piece.move.line);
+    if (piece.number != run.last_move) ++run.moves;
+    run.last_move = piece.number;
+    if (amount > faults[k].amount_mm) {
+      run.message = message;
+      faults[k].amount_mm = amount;
+      faults[k].place_mm = place;
+    }
+  }
+  const FaultRun& run = runs[k];
+  const Vec3& p = faults[k].place_mm;
+  std::string text = run.message + " at X" + compact(p.x(), 3) + " Y" + compact(p.y(), 3) + " Z" + compact(p.z(), 3);
+  if (run.moves > 1) {
+    text += " (the worst of " + std::to_string(run.moves) + " moves, lines " + std::to_string(run.first_line) + " to " +
+            std::to_string(run.last_line) + ")";
+  }
+  faults[k].message = text;
+}
+
+/// Everything of the cutter that its motion covers, as sweeps grown by a margin. A ball's flutes are checked as slices.
+std::vector<Sweep> StockModel::Impl::tip_sweeps(const Piece& piece, double margin) const {
+  const Tool& tool = tools[piece.tool];
+  const SweptMove& move = piece.move;
+  Sweep sweep;
+  sweep.whole = true;
+  if (tool.ball) {
+    sweep.shape = Sweep::Shape::kBall;
+    sweep.radius_mm = tool.radius_mm + margin;
+    sweep.from = move.from.tip_mm + tool.radius_mm * move.from.axis;
+    sweep.to = move.to.tip_mm + tool.radius_mm * move.to.axis;
+    if (sweep.radius_mm <= 0) return {};
+    sweep.prepare();
+    return {sweep};
+  }
+  // A corner that would shrink below nothing takes from the flat.
+  sweep.corner_mm = std::max(0.0, tool.corner_mm + margin);
+  sweep.flat_mm = tool.radius_mm + margin - sweep.corner_mm;
+  if (sweep.flat_mm < 0) return {};
+  sweep.radius_mm = tool.radius_mm + margin;
+  if (!leans(move.from) && !leans(move.to)) {
+    sweep.shape = Sweep::Shape::kMill;
+    sweep.from = move.from.tip_mm - Vec3(0, 0, margin);
+    sweep.to = move.to.tip_mm - Vec3(0, 0, margin);
+    sweep.prepare();
+    return {sweep};
+  }
+  sweep.shape = Sweep::Shape::kTilted;
+  sweep.axis = (move.from.axis + move.to.axis).normalized();
+  sweep.body = {sweep.flat_mm, sweep.corner_mm,
+                std::max(sweep.corner_mm, tool.flute_length_mm + 2 * margin - sweep.corner_mm)};
+  const Vec3 from = move.from.tip_mm - margin * sweep.axis;
+  const Vec3 to = move.to.tip_mm - margin * sweep.axis;
+  const int count = std::max(1, static_cast<int>(std::ceil((to - from).norm() / kTiltedPiece_mm)));
+  std::vector<Sweep> result;
+  for (int k = 0; k < count; ++k) {
+    sweep.from = from + (to - from) * (static_cast<double>(k) / count);
+    sweep.to = from + (to - from) * (static_cast<double>(k + 1) / count);
+    sweep.prepare();
+    result.push_back(sweep);
+  }
+  return result;
+}
+
+double StockModel::Impl::lowest_of_tip(const Piece& piece) const {
+  const Tool& tool = tools[piece.tool];
+  double lowest = kNothing;
+  for (const ToolPose* pose : {&piece.move.from, &piece.move.to}) {
+    const double core = pose->tip_mm.z() + tool.corner_mm * pose->axis.z();
+    const double rim = (tool.radius_mm - tool.corner_mm) * std::hypot(pose->axis.x(), pose->axis.y());
+    lowest = std::min(lowest, core - rim - tool.corner_mm);
+  }
+  return lowest;
+}
+
+/// The cutter standing at the end of the path: the wedge of the last vertex opens to everything beyond it.
+void StockModel::Impl::end_path() {
+  if (path.open && !path.capped && path.shape != Sweep::Shape::kTilted) {
+    const Tool& tool = tools[path.tool];
+    Sweep cap;
+    cap.shape = path.shape;
+    cap.radius_mm = tool.radius_mm;
+    cap.corner_mm = tool.corner_mm;
+    cap.flat_mm = tool.radius_mm - tool.corner_mm;
+    cap.from = cap.to = path.end;
+    cap.prepare();
+    if (field.may_touch(cap)) sweeps.push_back(cap);
+  }
+  path.capped = true;
+}
+
+void StockModel::Impl::add_cut(const Piece& piece) {
+  const Tool& tool = tools[piece.tool];
+  for (Sweep& sweep : tip_sweeps(piece, 0)) {
+    const Vec3 motion = sweep.to - sweep.from;
+    Vec3 from = sweep.from;
+    Vec3 to = sweep.to;
+    if (sweep.shape == Sweep::Shape::kBall) {
+      // prepare() reduces a plunge to its lower end; the path goes on from where the ball really is.
+      from = piece.move.from.tip_mm + tool.radius_mm * piece.move.from.axis;
+      to = piece.move.to.tip_mm + tool.radius_mm * piece.move.to.axis;
+    } else if (sweep.shape == Sweep::Shape::kMill) {
+      from = piece.move.from.tip_mm;
+      to = piece.move.to.tip_mm;
+    }
+    const double length = (to - from).norm();
+    const bool goes_on = path.open && path.tool == piece.tool && path.shape == sweep.shape &&
+                         (path.end - from).norm() < kSameVertex_mm;
+    if (goes_on && length < kSameVertex_mm / 10) continue;
+    if (!goes_on) end_path();
+    const Vec3 direction = length > 0 ? Vec3((to - from) / length) : Vec3(Vec3::Zero());
+    const bool level = from.z() == to.z();
+    if (goes_on && motion.head<2>().norm() > 0) {
+      if (sweep.shape == Sweep::Shape::kBall) {
+        sweep.whole = false;
+        sweep.back_mm = ball_wedge(path.direction, direction, tool.radius_mm);
+      } else if (sweep.shape == Sweep::Shape::kMill && level && path.level) {
+        // Level motions look across at right angles: p . direction >= p . (direction - before) >= -R |direction - before|.
+        sweep.whole = false;
+        sweep.back_mm = tool.radius_mm * (direction - path.direction).norm();
+      }
+    }
+    path = {true, length == 0, piece.tool, sweep.shape, to, direction, level};
+    if (field.may_touch(sweep)) sweeps.push_back(sweep);
+  }
+}
+
+/// The flutes above a leaning ball's equator, as the capsule that ball and flutes are together.
+void StockModel::Impl::add_flutes(const Piece& piece) {
+  const Tool& tool = tools[piece.tool];
+  Sweep sweep;
+  sweep.shape = Sweep::Shape::kTilted;
+  sweep.axis = (piece.move.from.axis + piece.move.to.axis).normalized();
+  sweep.corner_mm = tool.corner_mm;
+  sweep.flat_mm = 0;
+  sweep.radius_mm = tool.radius_mm;
+  sweep.body = {0, tool.corner_mm, std::max(tool.corner_mm, tool.flute_length_mm - tool.corner_mm)};
+  const Vec3 motion = piece.move.to.tip_mm - piece.move.from.tip_mm;
+  const int count = std::max(1, static_cast<int>(std::ceil(motion.norm() / kTiltedPiece_mm)));
+  for (int k = 0; k < count; ++k) {
+    sweep.from = piece.move.from.tip_mm + motion * (static_cast<double>(k) / count);
+    sweep.to = piece.move.from.tip_mm + motion * (static_cast<double>(k + 1) / count);
+    sweep.prepare();
+    sweeps.push_back(sweep);
+  }
+}
+
+void StockModel::Impl::cut_collected() {
+  field.cut(sweeps);
+  sweeps.clear();
+}
+
+void StockModel::Impl::apply() {
+  // Which bodies might meet the stock as it was before this batch? The stock only shrinks: what is clear now stays clear.
+  struct Suspicion {
+    bool tip = false;
+    bool flutes = false;
+    bool body = false;
+  };
+  std::vector<Suspicion> suspicions(pieces.size());
+  parallel_blocks(pieces.size(), 64, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin; k < end; ++k) {
+      const Piece& piece = pieces[k];
+      const Tool& tool = tools[piece.tool];
+      const bool cutting = !piece.move.rapid && piece.move.spindle_on;
+      const double margin = piece.move.rapid ? options.rapid_clearance_mm : 0.0;
+      if (!cutting) {
+        for (const Sweep& sweep : tip_sweeps(piece, margin)) suspicions[k].tip |= field.may_touch(sweep);
+      }
+      const bool leaning = leans(piece.move.from) || leans(piece.move.to);
+      for (const Tool::Slice& slice : tool.slices) {
+        const bool flutes = slice.part == Tool::Part::kFlutes;
+        // A vertical cutter's flutes are above its tip's footprint; a leaning mill's are cut with its tip.
+        if (flutes && (!leaning || !tool.ball) && margin <= 0) continue;
+        bool& suspicious = flutes ? suspicions[k].flutes : suspicions[k].body;
+        if (!suspicious) suspicious = may_touch(field, slice.body, piece.move.from, piece.move.to, margin);
+      }
+    }
+  });
+
+  for (std::size_t k = 0; k < pieces.size(); ++k) {
+    const Piece& piece = pieces[k];
+    const Tool& tool = tools[piece.tool];
+    const Suspicion& suspicion = suspicions[k];
+    const bool cutting = !piece.move.rapid && piece.move.spindle_on;
+    if (!cutting) {
+      end_path();
+      path.open = false;
+    }
+
+    const double below_table = -lowest_of_tip(piece);
+    if (below_table > kTable_mm) {
+      report("table", "", piece, "the cutter goes " + mm(below_table) + " below the back of the blank", piece.move.to.tip_mm,
+             below_table);
+    }
+
+    bool removes = cutting;
+    if (suspicion.body || (!cutting && (suspicion.tip || suspicion.flutes))) {
+      cut_collected();  // the stock as it stands when this move starts
+      const double clearance = piece.move.rapid ? options.rapid_clearance_mm : 0.0;
+      const double margin = clearance - kTouch_mm;
+      struct Worst {
+        StockField::Probe probe;
+        const char* part = "";
+      } cutter, others;
+      if (suspicion.tip && !cutting) {
+        for (const Sweep& sweep : tip_sweeps(piece, margin)) {
+          const auto probe = field.probe(sweep);
+          if (probe.depth_mm > cutter.probe.depth_mm) cutter = {probe, "cutter"};
+        }
+      }
+      for (const Tool::Slice& slice : tool.slices) {
+        const bool flutes = slice.part == Tool::Part::kFlutes;
+        if (flutes ? (cutting || !suspicion.flutes) : !suspicion.body) continue;
+        if (!may_touch(field, slice.body, piece.move.from, piece.move.to, margin)) continue;
+        const auto probe = touch(field, slice.body, piece.move.from, piece.move.to, margin);
+        Worst& worst = flutes ? cutter : others;
+        if (probe.depth_mm > worst.probe.depth_mm) worst = {probe, name_of(slice.part)};
+      }
+      if (piece.move.rapid) {
+        const Worst& worst = cutter.probe.depth_mm >= others.probe.depth_mm ? cutter : others;
+        if (worst.probe.depth_mm > 0) {
+          report("rapid_in_stock", "", piece,
+                 "rapid with the " + std::string(worst.part) + " " + mm(worst.probe.depth_mm) + " below the top of the stock" +
+                     (clearance > 0 ? " (or nearer than " + mm(clearance) + " to it)" : ""),
+                 worst.probe.place_mm, worst.probe.depth_mm);
+        }
+      } else {
+        if (cutter.probe.depth_mm > 0) {
+          report("spindle_off_in_cut", "", piece,
+                 "feed with the spindle off and the cutter " + mm(cutter.probe.depth_mm) + " below the top of the stock",
+                 cutter.probe.place_mm, cutter.probe.depth_mm);
+        }
+        if (others.probe.depth_mm > 0) {
+          report("collision", others.part, piece,
+                 "the " + std::string(others.part) + " is " + mm(others.probe.depth_mm) + " below the top of the stock",
+                 others.probe.place_mm, others.probe.depth_mm);
+        }
+      }
+      // Whatever should not have touched but did has taken its material along.
+      removes = removes || cutter.probe.depth_mm > 0;
+    }
+    if (removes) {
+      add_cut(piece);
+      if (suspicion.flutes && tool.ball) add_flutes(piece);
+    }
+    if (!cutting) {
+      end_path();
+      path.open = false;
+    }
+  }
+  cut_collected();
+  pieces.clear();
+}
+
+StockModel::StockModel(const Blank& blank, const StockOptions& options) : impl_(std::make_unique<Impl>(blank, options)) {}
+
+StockModel::~StockModel() = default;
+
+void StockModel::set_cutter(const Cutter& cutter) {
+  if (!(cutter.diameter_mm > 0) || cutter.corner_radius_mm < 0) {
+    throw InputError("cutter '" + cutter.name + "': diameter_mm must be above 0 and corner_radius_mm at least 0, not " +
+                     compact(cutter.diameter_mm, 4) + " and " + compact(cutter.corner_radius_mm, 4));
+  }
+  impl_->tools.emplace_back(cutter);
+}
+
+void StockModel::move(const SweptMove& move) {
+  if (impl_->tools.empty()) throw InputError("line " + std::to_string(move.line) + ": a move before any cutter is in the spindle");
+  const Tool& tool = impl_->tools.back();
+  const int index = static_cast<int>(impl_->tools.size()) - 1;
+  const long number = ++impl_->moves;
+  const double angle = turn(move.from, move.to);
+  const double limit = tool.ball ? kBallTurn_rad : kMillTurn_rad;
+  const int count = std::clamp(static_cast<int>(std::ceil(angle / limit)), 1, 100000);
+  ToolPose last = move.from;
+  for (int k = 1; k <= count; ++k) {
+    SweptMove piece = move;
+    piece.from = last;
+    piece.to = k == count ? move.to : pose_at(move, angle, static_cast<double>(k) / count);
+    last = piece.to;
+    impl_->pieces.push_back({piece, index, number});
+    if (impl_->pieces.size() >= kBatchMoves) impl_->apply();
+  }
+}
+
+void StockModel::flush() {
+  impl_->apply();
+  impl_->end_path();
+  impl_->cut_collected();
+}
+
+const std::vector<Fault>& StockModel::faults() const { return impl_->faults; }
+
+MachinedSurface StockModel::surface() const {
+  MachinedSurface surface;
+  surface.extent = impl_->field.extent();
+  surface.pitch_mm = impl_->field.pitch_mm();
+  surface.heights_mm = impl_->field.heights();
+  surface.peaks_mm = impl_->field.peaks();
+  surface.removed_mm3 = impl_->field.removed_mm3();
+  return surface;
+}
+
+namespace {
+
+constexpr const char* kFormat = "lightmill machined surface 1";
+
+std::filesystem::path beside(const std::filesystem::path& heights_path, const char* suffix) {
+  return heights_path.parent_path() / (heights_path.stem().string() + suffix);
+}
+
+}  // namespace
+
+// The picture of heights comes last: where it is, the rest is.
+void write_machined(const std::filesystem::path& heights_path, const MachinedSurface& surface) {
+  const auto peaks_path = beside(heights_path, ("_peaks" + heights_path.extension().string()).c_str());
+  const auto note_path = beside(heights_path, ".json");
+  std::error_code ignored;
+  std::filesystem::remove(heights_path, ignored);
+  write_float_image(peaks_path, flipped_rows(surface.peaks_mm));
+  nlohmann::ordered_json note;
+  note["format"] = kFormat;
+  note["heights"] = heights_path.filename().string();
+  note["peaks"] = peaks_path.filename().string();
+  note["unit"] = "mm";
+  note["rows"] = "top row at the largest y";
+  note["columns_count"] = surface.heights_mm.width;
+  note["rows_count"] = surface.heights_mm.height;
+  note["pitch_mm"] = surface.pitch_mm;
+  note["extent_mm"] = {{"min", {surface.extent.min.x(), surface.extent.min.y()}},
+                       {"max", {surface.extent.max.x(), surface.extent.max.y()}}};
+  note["removed_mm3"] = surface.removed_mm3;
+  write_whole(note_path, note.dump(2) + "\n");
+  write_float_image(heights_path, flipped_rows(surface.heights_mm));
+}
+
+MachinedSurface read_machined(const std::filesystem::path& heights_path) {
+  const auto note_path = beside(heights_path, ".json");
+  MachinedSurface surface;
+  int columns = 0;
+  int rows = 0;
+  try {
+    const auto note = nlohmann::json::parse(read_whole(note_path));
+    if (note.at("format") != kFormat) {
+      throw InputError(note_path.string() + " is not a '" + kFormat + "'; run the dry run again");
+    }
+    columns = note.at("columns_count");
+    rows = note.at("rows_count");
+    surface.pitch_mm = note.at("pitch_mm");
+    for (int axis = 0; axis < 2; ++axis) {
+      surface.extent.min[axis] = note.at("extent_mm").at("min").at(axis);
+      surface.extent.max[axis] = note.at("extent_mm").at("max").at(axis);
+    }
+    surface.removed_mm3 = note.at("removed_mm3");
+  } catch (const nlohmann::json::exception& error) {
+    throw InputError("cannot understand " + note_path.string() + ": " + error.what() + "; run the dry run again");
+  }
+  surface.heights_mm = flipped_rows(read_float_image(heights_path));
+  surface.peaks_mm = flipped_rows(read_float_image(beside(heights_path, ("_peaks" + heights_path.extension().string()).c_str())));
+  for (const Grid<float>* grid : {&surface.heights_mm, &surface.peaks_mm}) {
+    if (grid->width != columns || grid->height != rows) {
+      throw InputError(heights_path.string() + " has another size than " + note_path.string() +
+                       " says; run the dry run again");
+    }
+  }
+  return surface;
+}
+
+}  // namespace lightmill
