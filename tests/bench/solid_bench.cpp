@@ -101,13 +101,11 @@ int main(int argc, char** argv) {
   std::printf("  valid %d, %d faces, %d free edges, %ju bytes, volume off by %.2e, deviation %.2e um\n", solid.valid,
               solid.faces, solid.free_edges, solid.file_bytes, solid.volume_mm3 / solid.spline_volume_mm3 - 1,
               solid.max_deviation_um);
-#ifdef REACH
 
   wall = seconds_now(), cpu = cpu_seconds();
   const ReachableSurface reach = reachable_surface(fit.surface, 2.0, 0.05);
   say("reachable_surface R 2 mm, 0.05 mm", wall, cpu);
   std::printf("  unreachable %.2f mm^2, residue up to %.2f um\n", reach.unreachable_area_mm2, reach.max_residue_um);
-#endif
 
   // Another reader: gmsh, where it is installed (it imports by its own OpenCASCADE, but counts and meshes by itself).
   if (std::system("command -v gmsh > /dev/null 2>&1") == 0) {
