@@ -20,19 +20,22 @@ constexpr int kFeedDigits = 5;  // significant, so that rounding down costs at m
 constexpr double kFeedSlack = 1e-9;
 constexpr double kLeastFeed = 1e-4;
 
-// Text for comments: printable ASCII without what ends a comment or what a grbl controller takes as a real-time command.
+// Text for comments: printable ASCII without what ends a comment or what a grbl controller takes as a real-time
+// command.
 std::string plain(const std::string& text) {
   std::string result;
   for (const unsigned char c : text) {
     if (c >= 0x80 && c < 0xC0) continue;  // the rest of a UTF-8 character
-    const bool good = c >= ' ' && c < 0x7F && std::string_view("()!?~%$;").find(static_cast<char>(c)) == std::string_view::npos;
+    const bool good =
+        c >= ' ' && c < 0x7F && std::string_view("()!?~%$;").find(static_cast<char>(c)) == std::string_view::npos;
     result += good ? static_cast<char>(c) : '_';
   }
   return result;
 }
 
 double rapid_seconds(const MachineModel& m, const JointPosition& a, const JointPosition& b) {
-  return std::max({std::abs(b.x_mm - a.x_mm) / m.x.max_speed_mm_per_s, std::abs(b.y_mm - a.y_mm) / m.y.max_speed_mm_per_s,
+  return std::max({std::abs(b.x_mm - a.x_mm) / m.x.max_speed_mm_per_s,
+                   std::abs(b.y_mm - a.y_mm) / m.y.max_speed_mm_per_s,
                    std::abs(b.z_mm - a.z_mm) / m.z.max_speed_mm_per_s,
                    std::abs(b.outer_rad - a.outer_rad) / m.outer.max_speed_rad_per_s,
                    std::abs(b.inner_rad - a.inner_rad) / m.inner.max_speed_rad_per_s});
@@ -42,7 +45,8 @@ double total_seconds(const MachineModel& machine, const AxisMotion& motion) {
   double seconds = 0;
   for (std::size_t i = 1; i < motion.moves.size(); ++i) {
     const AxisMove& move = motion.moves[i];
-    seconds += move.kind == MoveKind::kRapid ? rapid_seconds(machine, motion.moves[i - 1].joints, move.joints) : move.seconds;
+    seconds +=
+        move.kind == MoveKind::kRapid ? rapid_seconds(machine, motion.moves[i - 1].joints, move.joints) : move.seconds;
   }
   return seconds;
 }
@@ -60,7 +64,8 @@ std::string feed_text(double value) {
 
 class GrblHalWriter {
  public:
-  GrblHalWriter(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion, const ProgramOptions& options)
+  GrblHalWriter(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
+                const ProgramOptions& options)
       : machine_(machine), setup_(setup), motion_(motion), options_(options), unit_(std::pow(10.0, options.decimals)) {}
 
   Program write() {
@@ -181,18 +186,22 @@ class GrblHalWriter {
             (turning ? "5 axes at once" : "rotary axes fixed"));
     comment("TIME ABOUT " + fixed(minutes, 1) + " MIN, accelerations not counted");
     comment("TOOL T" + std::to_string(cutter.number) + " " + cutter.name);
-    comment("TOOL DIAMETER " + compact(cutter.diameter_mm, 3) + " CORNER RADIUS " + compact(cutter.corner_radius_mm, 3) +
-            " STICK-OUT " + compact(stick_out, 3) + " MM");
+    comment("TOOL DIAMETER " + compact(cutter.diameter_mm, 3) + " CORNER RADIUS " +
+            compact(cutter.corner_radius_mm, 3) + " STICK-OUT " + compact(stick_out, 3) + " MM");
     comment("TOOL LENGTH " + fixed(cutter.length_mm, 3) + " MM FROM SPINDLE NOSE TO TIP");
-    comment("TOOL " + motion_.pass + " AT " + compact(motion_.spindle_rpm, 0) + " RPM, cutting data: " +
-            (cutter.source.empty() ? "untested" : cutter.source));
+    comment("TOOL " + motion_.pass + " AT " + compact(motion_.spindle_rpm, 0) +
+            " RPM, cutting data: " + (cutter.source.empty() ? "untested" : cutter.source));
     comment("ZERO " + offset + " = WORKPIECE ORIGIN WITH " + letters + ": the centre of the blank's back");
-    comment("ZERO IN MACHINE COORDINATES X" + fixed(zero.x(), 3) + " Y" + fixed(zero.y(), 3) + " Z" + fixed(zero.z(), 3));
+    comment("ZERO IN MACHINE COORDINATES X" + fixed(zero.x(), 3) + " Y" + fixed(zero.y(), 3) + " Z" +
+            fixed(zero.z(), 3));
     comment("MACHINE " + machine_.name);
     if (!machine_.notes.empty()) comment("MACHINE " + machine_.notes);
-    comment("NO TOOL CENTRE CONTROL: the program holds axis positions and fits this machine, this zero and this tool "
-            "length only");
-    if (air_word()) comment(std::string(air_word()) + (std::string_view(air_word()) == "M7" ? " = AIR ON THE MIST OUTPUT" : " = COOLANT"));
+    comment(
+        "NO TOOL CENTRE CONTROL: the program holds axis positions and fits this machine, this zero and this tool "
+        "length only");
+    if (air_word())
+      comment(std::string(air_word()) +
+              (std::string_view(air_word()) == "M7" ? " = AIR ON THE MIST OUTPUT" : " = COOLANT"));
 
     const std::string top = top_words();
     block("G21 G90 G94 G17 G40 G49 G80 " + offset);
@@ -285,9 +294,8 @@ class GrblHalWriter {
   const AxisMotion& motion_;
   const ProgramOptions& options_;
   double unit_;
-  bool turns_ = std::any_of(motion_.moves.begin(), motion_.moves.end(), [](const AxisMove& move) {
-    return move.rotary_moves && move.kind != MoveKind::kRapid;
-  });
+  bool turns_ = std::any_of(motion_.moves.begin(), motion_.moves.end(),
+                            [](const AxisMove& move) { return move.rotary_moves && move.kind != MoveKind::kRapid; });
   long long top_z_ = std::numeric_limits<long long>::max() - 1;  // a Z that no word can have: reached by G53
   std::string text_;
   std::size_t blocks_ = 0;
@@ -319,9 +327,9 @@ Program write_grblhal(const MachineModel& machine, const WorkSetup& setup, const
     throw InputError("work offset G" + std::to_string(setup.work_offset) + " does not exist: use 54 to 59");
   }
   if (!(motion.spindle_rpm >= machine.min_spindle_rpm && motion.spindle_rpm <= machine.max_spindle_rpm)) {
-    throw InputError(motion.pass + ": spindle speed " + compact(motion.spindle_rpm, 1) + " rpm is outside " + machine.name +
-                     "'s " + compact(machine.min_spindle_rpm, 1) + " to " + compact(machine.max_spindle_rpm, 1) +
-                     " rpm; change the cutter's spindle_rpm");
+    throw InputError(motion.pass + ": spindle speed " + compact(motion.spindle_rpm, 1) + " rpm is outside " +
+                     machine.name + "'s " + compact(machine.min_spindle_rpm, 1) + " to " +
+                     compact(machine.max_spindle_rpm, 1) + " rpm; change the cutter's spindle_rpm");
   }
   if (motion.cutter.number < 1) {
     throw InputError(motion.pass + ": cutter '" + motion.cutter.name + "' needs a number of at least 1 for its T word");
@@ -329,8 +337,8 @@ Program write_grblhal(const MachineModel& machine, const WorkSetup& setup, const
   Program program = GrblHalWriter(machine, setup, motion, options).write();
   const std::vector<std::string> faults = check_program_text(machine, setup, motion, program.text, options);
   if (!faults.empty()) {
-    throw NumericalError(program.file_name + " breaks a safety rule (" + std::to_string(faults.size()) + " in all): " +
-                         faults.front());
+    throw NumericalError(program.file_name + " breaks a safety rule (" + std::to_string(faults.size()) +
+                         " in all): " + faults.front());
   }
   return program;
 }

@@ -16,9 +16,9 @@ constexpr std::size_t kMostFaults = 20;
 constexpr std::size_t kLongestLine = 80;
 constexpr std::string_view kRealTimeCharacters = "!?~%$";
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-constexpr double kTop_mm = 1e-6;          // how near to the machine's top is at the top
-constexpr double kPlane_mm = 1e-3;        // rapids may graze the safe plane by rounding
-constexpr double kFeedLoss = 3e-4;        // a feed word may be this much too slow by rounding down, and nothing too fast
+constexpr double kTop_mm = 1e-6;    // how near to the machine's top is at the top
+constexpr double kPlane_mm = 1e-3;  // rapids may graze the safe plane by rounding
+constexpr double kFeedLoss = 3e-4;  // a feed word may be this much too slow by rounding down, and nothing too fast
 constexpr double kDegree = kPi / 180;
 
 struct Words {
@@ -42,7 +42,10 @@ struct Place {
 class Checker {
  public:
   Checker(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion, const ProgramOptions& options)
-      : machine_(machine), setup_(setup), motion_(motion), options_(options),
+      : machine_(machine),
+        setup_(setup),
+        motion_(motion),
+        options_(options),
         half_unit_(0.51 * std::pow(10.0, -options.decimals)) {}
 
   std::vector<std::string> check(std::string_view text) {
@@ -72,7 +75,8 @@ class Checker {
     }
     if (line.empty()) return complain("an empty line");
     if (line.front() == '(') {
-      if (line.find(')') != line.size() - 1 || line.rfind('(') != 0) complain("a comment that does not end with its line");
+      if (line.find(')') != line.size() - 1 || line.rfind('(') != 0)
+        complain("a comment that does not end with its line");
       return;
     }
     if (ended_) return complain("a block after the program's end");
@@ -121,15 +125,24 @@ class Checker {
 
   static double* scalar(Words& words, char letter) {
     switch (letter) {
-      case 'X': return &words.x;
-      case 'Y': return &words.y;
-      case 'Z': return &words.z;
-      case 'F': return &words.f;
-      case 'S': return &words.s;
-      case 'T': return &words.t;
-      case 'P': return &words.p;
-      case 'N': return &words.n;
-      default: return nullptr;
+      case 'X':
+        return &words.x;
+      case 'Y':
+        return &words.y;
+      case 'Z':
+        return &words.z;
+      case 'F':
+        return &words.f;
+      case 'S':
+        return &words.s;
+      case 'T':
+        return &words.t;
+      case 'P':
+        return &words.p;
+      case 'N':
+        return &words.n;
+      default:
+        return nullptr;
     }
   }
 
@@ -147,7 +160,8 @@ class Checker {
     }
     feed_word(words);
     if (!std::isnan(words.s)) {
-      if (words.s < machine_.min_spindle_rpm || words.s > machine_.max_spindle_rpm) complain("S outside the spindle's range");
+      if (words.s < machine_.min_spindle_rpm || words.s > machine_.max_spindle_rpm)
+        complain("S outside the spindle's range");
       if (std::abs(words.s - motion_.spindle_rpm) > 0.5) complain("S is not the speed of the pass");
       speed_ = words.s;
     }
@@ -164,21 +178,30 @@ class Checker {
     for (const int g : words.g) {
       switch (g) {
         case 0:
-        case 10: mode_ = g / 10; break;
+        case 10:
+          mode_ = g / 10;
+          break;
         case 40:
         case 930:
-        case 940: break;
+        case 940:
+          break;
         case 170:
         case 210:
         case 400:
         case 800:
-        case 900: modal_.insert(g); break;
+        case 900:
+          modal_.insert(g);
+          break;
         case 490:
           modal_.insert(g);
           length_mm_ = 0;
           break;
-        case 431: tool_length = true; break;
-        case 530: absolute = true; break;
+        case 431:
+          tool_length = true;
+          break;
+        case 530:
+          absolute = true;
+          break;
         default:
           if (g == 10 * setup_.work_offset) {
             modal_.insert(540);
@@ -214,7 +237,9 @@ class Checker {
         if (!(speed_ > 0)) complain("M3 without S");
         spindle_ = true;
         break;
-      case 5: spindle_ = dwelled_ = false; break;
+      case 5:
+        spindle_ = dwelled_ = false;
+        break;
       case 6:
         if (selected_ != motion_.cutter.number) complain("M6 without the T word of the pass");
         if (!place_.top && !changed_down_) complain("a tool change below the machine's top");
@@ -229,8 +254,12 @@ class Checker {
         risen_ = false;
         break;
       case 7:
-      case 8: air_ = true; break;
-      case 9: air_ = false; break;
+      case 8:
+        air_ = true;
+        break;
+      case 9:
+        air_ = false;
+        break;
       case 30:
         ended_ = true;
         if (!place_.top) complain("the program ends below the machine's top");
@@ -238,14 +267,16 @@ class Checker {
         if (length_mm_ != 0) complain("the program ends with a tool length in force: G49 is missing");
         if (inverse_time_) complain("the program ends in G93");
         break;
-      default: complain("M" + std::to_string(m) + " has no place in this program");
+      default:
+        complain("M" + std::to_string(m) + " has no place in this program");
     }
   }
 
   void move(const Words& words, bool absolute) {
     if (mode_ < 0) return complain("an axis word before G0 or G1");
     for (const int needed : {210, 900, 170, 400, 800, 540}) {
-      if (!modal_.contains(needed)) return complain("a move before the safe modes are set (G21 G90 G17 G40 G49 G80 and the work offset)");
+      if (!modal_.contains(needed))
+        return complain("a move before the safe modes are set (G21 G90 G17 G40 G49 G80 and the work offset)");
     }
     const Place from = place_;
     Place to = from;
@@ -328,7 +359,8 @@ class Checker {
     }
   }
 
-  // The plan, block by block -------------------------------------------------------------------------------------------
+  // The plan, block by block
+  // -------------------------------------------------------------------------------------------
 
   [[nodiscard]] bool is_at(const JointPosition& joints, const Place& place) const {
     const bool z = place.top ? joints.z_mm == machine_.retract_z_mm : std::abs(joints.z_mm - place.z) <= half_unit_;
@@ -349,8 +381,9 @@ class Checker {
     }
     // Rapids at the top come in several blocks, and the last retract is not part of the plan.
     if (mode_ == 0 && to.top && (next_ == moves.size() || moves[next_].joints.z_mm == machine_.retract_z_mm)) return;
-    complain(next_ == moves.size() ? "a move after the last one planned"
-                                   : "the block does not end where the plan's move " + std::to_string(next_ + 1) + " ends");
+    complain(next_ == moves.size()
+                 ? "a move after the last one planned"
+                 : "the block does not end where the plan's move " + std::to_string(next_ + 1) + " ends");
   }
 
   void check_time(const AxisMove& planned, const Place& from, const Place& to) {
@@ -368,7 +401,8 @@ class Checker {
     const auto& moves = motion_.moves;
     while (next_ < moves.size() && next_ > 0 && close(moves[next_].joints, moves[next_ - 1].joints)) ++next_;
     if (next_ < moves.size()) {
-      complain("the program ends before the plan's move " + std::to_string(next_ + 1) + " of " + std::to_string(moves.size()));
+      complain("the program ends before the plan's move " + std::to_string(next_ + 1) + " of " +
+               std::to_string(moves.size()));
     }
   }
 
@@ -406,8 +440,9 @@ class Checker {
 
 }  // namespace
 
-std::vector<std::string> check_program_text(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
-                                            std::string_view text, const ProgramOptions& options) {
+std::vector<std::string> check_program_text(const MachineModel& machine, const WorkSetup& setup,
+                                            const AxisMotion& motion, std::string_view text,
+                                            const ProgramOptions& options) {
   return Checker(machine, setup, motion, options).check(text);
 }
 

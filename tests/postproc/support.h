@@ -85,8 +85,8 @@ inline ToolPath fixed_rows(double tilt_rad, double azimuth_rad, int rows, int po
     path.moves.push_back({{at(0) + Vec3(0, 0, 3), axis}, MoveKind::kLink, 80});
     path.moves.push_back({{at(0), axis}, MoveKind::kPlunge, 5});
     for (int p = 1; p <= points; ++p) path.moves.push_back({{at(double(p) / points), axis}, MoveKind::kCut, 18});
-    path.moves.push_back({{at(1) + Vec3(0, 0, 3), axis}, MoveKind::kLink, 80});
-    path.moves.push_back({{at(1) + above, axis}, MoveKind::kRapid, 0});
+    path.moves.push_back({{at(1) + above, axis}, MoveKind::kLink, 80});
+    path.moves.push_back({{at(1) + 1.2 * above, axis}, MoveKind::kRapid, 0});
   }
   return path;
 }
@@ -111,7 +111,8 @@ inline ToolPath lead_rows(double lead_rad, int rows, int points, double size_mm 
     if (r > 0) path.moves.push_back({{start.tip_mm + Vec3(0, 0, 20), start.axis}, MoveKind::kLink, 80});
     path.moves.push_back({start, MoveKind::kPlunge, 5});
     for (int p = 1; p <= points; ++p) path.moves.push_back({pose(double(p) / points), MoveKind::kCut, 18});
-    path.moves.push_back({{end.tip_mm + Vec3(0, 0, 20), end.axis}, MoveKind::kRapid, 0});
+    path.moves.push_back({{end.tip_mm + Vec3(0, 0, 20), end.axis}, MoveKind::kLink, 80});
+    path.moves.push_back({{end.tip_mm + Vec3(0, 0, 24), end.axis}, MoveKind::kRapid, 0});
   }
   return path;
 }
