@@ -1,5 +1,7 @@
 #include "cli/commands.h"
 
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
@@ -174,7 +176,19 @@ int dry_run_programs(const Common& common, const std::vector<std::string>& progr
   return kExitDryRunFault;
 }
 
-int stream(const Common& common, const std::string& what, std::string port, int baud) {
+/// Asks the person at the terminal to change the tool or to go on; without a terminal nobody can confirm.
+bool ask_operator(const std::string& what) {
+  if (::isatty(STDIN_FILENO) != 1) return false;
+  std::fprintf(stderr, "\nThe machine waits: %s\nWhen it is done press Enter to go on, or type q and Enter to stop: ", what.c_str());
+  std::string answer;
+  for (int c = std::getchar(); c != '\n'; c = std::getchar()) {
+    if (c == EOF) return false;
+    answer += static_cast<char>(c);
+  }
+  return answer.empty();
+}
+
+int stream(const Common& common, const std::string& what, std::string port, int baud, bool confirm) {
   std::vector<fs::path> programs;
   std::error_code error;
   if (fs::is_directory(what, error)) {
@@ -196,10 +210,12 @@ int stream(const Common& common, const std::string& what, std::string port, int 
   const auto connection = open_serial(port, baud == 0 ? 115200 : baud);
   Progress progress(common.style());
   for (std::size_t i = 0; i < programs.size(); ++i) {
-    const StreamResult result = stream_program(*connection, texts[i], {}, progress.stage(programs[i].filename().string()));
+    StreamOptions options;
+    options.on_operator = confirm ? std::function([](const std::string&) { return true; }) : ask_operator;
+    const StreamResult result = stream_program(*connection, texts[i], options, progress.stage(programs[i].filename().string()));
     progress.event({{"event", "stream"}, {"program", programs[i].string()}, {"end", stream_end_name(result.end)},
                     {"lines", result.lines_total}, {"acknowledged", result.lines_acknowledged}, {"error_line", result.error_line}});
-    if (result.end == StreamEnd::kStopped) throw Stopped();
+    if (result.end == StreamEnd::kStopped && stop_requested()) throw Stopped();
     if (!result.done()) {
       std::fprintf(stderr, "lightmill: %s ended early (%s): %s; %ld of %ld lines are acknowledged\n", programs[i].filename().c_str(),
                    stream_end_name(result.end).c_str(), result.message.c_str(), result.lines_acknowledged, result.lines_total);
@@ -294,6 +310,7 @@ int run_command_line(int argc, char** argv) {
   std::string job, out, until = "dry-run", dir, port, link, ply, picture;
   std::vector<std::string> programs;
   int baud = 0;
+  bool confirm = false;
   ShopOptions shop;
 
   CLI::App* sub = command("make", "the whole chain: design, tool paths, programs, dry run and report", "make portrait.toml -o out");
@@ -337,7 +354,8 @@ int run_command_line(int argc, char** argv) {
   sub->add_option("what", dir, "run folder or program file")->required();
   sub->add_option("--port", port, "serial port (default: the job's)");
   sub->add_option("--baud", baud, "line speed (default: the job's, 115200)")->check(CLI::Range(300, 4000000));
-  on(sub, [&] { return stream(common, dir, port, baud); });
+  sub->add_flag("--confirm-all", confirm, "go on at tool changes and pauses without asking (a tool changer, a simulated machine)");
+  on(sub, [&] { return stream(common, dir, port, baud, confirm); });
 
   sub = command("machine", "the simulated machine behind a pseudo-terminal, until Ctrl-C; then what it milled is in --out",
                 "machine --pty /tmp/mill --blank 100x100x14 --out milled");

@@ -40,6 +40,21 @@ Fault fault_from(const json& j) {
 
 std::string numbers(const Vec3& v) { return compact(v.x(), 9) + "," + compact(v.y(), 9) + "," + compact(v.z(), 9); }
 
+/// From the machine's count of lines through all programs to a program and a line of its text.
+void locate(Fault& fault, const std::vector<fs::path>& programs, const std::vector<std::string>& texts) {
+  long count = fault.line;
+  if (count <= 0) return;
+  for (std::size_t i = 0; i < texts.size(); ++i) {
+    const auto lines = program_lines(texts[i]);
+    if (count <= static_cast<long>(lines.size())) {
+      fault.program = programs[i].filename().string();
+      fault.line = lines[static_cast<std::size_t>(count - 1)].number;
+      return;
+    }
+    count -= static_cast<long>(lines.size());
+  }
+}
+
 /// The last line of what the child said before it died.
 std::string last_words(const fs::path& log) {
   std::error_code error;
@@ -159,10 +174,17 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
     double done_share = 0;
     for (std::size_t i = 0; i < programs.size(); ++i) {
       const double share = static_cast<double>(texts[i].size()) / std::max<std::size_t>(bytes_total, 1);
-      outcome.streams.push_back(stream_program(*connection, texts[i], {}, monitor.part(done_share, done_share + share)));
+      StreamOptions options;
+      // One reset at the start only: so the machine counts its lines through all programs, and a fault finds its place.
+      if (i > 0) options.greeting = Greeting::kNone;
+      options.on_operator = [](const std::string&) { return true; };  // the right tool is always at hand here
+      outcome.streams.push_back(stream_program(*connection, texts[i], options, monitor.part(done_share, done_share + share)));
       done_share += share;
       const StreamResult& stream = outcome.streams.back();
-      if (stream.end == StreamEnd::kStopped) throw Stopped();
+      if (stream.end == StreamEnd::kStopped) {
+        monitor.check();
+        throw IoError("the dry run stopped: " + stream.message);
+      }
       if (stream.done()) continue;
       Fault fault;
       fault.kind = "stream";
@@ -189,7 +211,11 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   outcome.highest_buffer_fill = result.at("highest_buffer_fill");
   outcome.machine_minutes = result.at("machine_seconds").get<double>() / 60;
   outcome.removed_mm3 = result.at("removed_mm3");
-  for (const auto& fault : result.at("faults")) outcome.faults.push_back(fault_from(fault));
+  for (const auto& record : result.at("faults")) {
+    Fault fault = fault_from(record);
+    locate(fault, programs, texts);
+    outcome.faults.push_back(fault);
+  }
 
   // The machine must have executed the very lines of the programs, each once and in order.
   std::string all;
