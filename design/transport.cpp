@@ -33,12 +33,13 @@ using Potential = std::vector<double>;
 
 constexpr double kEmpty = 1e-9;  // a cell with less than this share of its mass is empty
 constexpr double kArmijo = 1e-4;
-constexpr int kMemory = 12;                // pairs that L-BFGS remembers
-constexpr double kNewtonFrom = 0.03;       // l1 error below which Newton takes over, once no cell is empty
+constexpr int kMemory = 12;           // pairs that L-BFGS remembers
+constexpr double kNewtonFrom = 0.03;  // l1 error below which Newton takes over, once no cell is empty
 constexpr double kJoin = 1e-10;
-constexpr double kNarrowing = 0.3;        // factor on the radius of strips and disks from stage to stage
-constexpr double kLeastNarrowing = 0.95;  // smaller steps than this are left to the descent
-constexpr double kStartRadius = 1.0;      // of strips and disks on every level, in distances between sites
+constexpr double kNarrowing = 0.3;         // factor on the radius of strips and disks from stage to stage
+constexpr double kNarrowingError = 0.15;   // l1 error after the prediction that the descent repairs quickly
+constexpr double kLeastNarrowing = 0.95;   // smaller steps than this are left to the descent
+constexpr double kStartRadius = 0.3;       // of strips and disks on every level, in distances between sites
 constexpr double kCoarseTolerance = 3e-2;  // of the worst cell on all levels but the finest
 
 double dot(const Potential& a, const Potential& b) {
@@ -96,22 +97,24 @@ class Level {
     return now;
   }
 
-  /// Follows the solution `now` while strips and disks become narrower, down to `radius`. The potential is nearly linear in
-  /// their radius, hence a tangent d psi / dr = H^-1 d mu / dr and a few Newton steps lead from one radius to the next.
+  /// Follows the solution `now` while strips and disks become narrower, down to `radius`. The potential is nearly
+  /// linear in their radius: a Newton step that includes the tangent d psi / dr = H^-1 d mu / dr leads from one radius
+  /// to the next.
   Evaluation narrow(Evaluation now, double radius, double l1, double most, const Monitor& monitor) {
     double factor = kNarrowing;
-    while (measure_.radius > radius) {
+    while (measure_.radius > radius && now.empty == 0) {
       const double from = measure_.radius;
-      const Potential tangent = hessian(now).solve(radius_derivative(now));
+      const Laplacian second = hessian(now);
+      const Potential tangent = second.solve(radius_derivative(now));
+      const Potential corrected = plus(now.psi, -1, second.solve(now.gradient));
       Evaluation next;
-      for (;;) {
-        measure_.radius = std::max(radius, from * factor);
-        next = evaluate(plus(now.psi, measure_.radius - from, tangent));
-        if ((next.empty == 0 && next.min_share > 0.05 && next.l1_error < 0.5) || factor > kLeastNarrowing) break;
-        factor = std::sqrt(factor);
+      for (;; factor = std::sqrt(factor)) {
+        measure_.radius = from * factor < radius * std::sqrt(kNarrowing) ? radius : from * factor;
+        next = evaluate(plus(corrected, measure_.radius - from, tangent));
+        if (next.l1_error < kNarrowingError || factor > kLeastNarrowing) break;
       }
-      now = solve_from(std::move(next), l1, most, monitor);
-      if (now.empty > 0) break;
+      const bool last = measure_.radius == radius;
+      now = solve_from(std::move(next), last ? l1 : kCoarseTolerance, last ? most : kCoarseTolerance, monitor);
       factor = std::max(kNarrowing, factor * factor);
     }
     return now;
@@ -139,7 +142,8 @@ class Level {
     }
     e.psi = std::move(psi);
     if (std::getenv("LM_TRACE"))
-      std::fprintf(stderr, "  n %zu r %.4g eval %d value %.12g %s\n", n, measure_.radius, evaluations_, e.value, e.words().c_str());
+      std::fprintf(stderr, "  n %zu r %.4g eval %d value %.12g %s\n", n, measure_.radius, evaluations_, e.value,
+                   e.words().c_str());
     return e;
   }
 
@@ -224,7 +228,8 @@ class Level {
     // A trace of the metric joins parts of the target that no cell bridges.
     double metric_total = 0;
     for (const auto& edge : sampling_.edges) metric_total += edge.weight;
-    for (const auto& edge : sampling_.edges) edges.push_back({edge.a, edge.b, kJoin * total / metric_total * edge.weight});
+    for (const auto& edge : sampling_.edges)
+      edges.push_back({edge.a, edge.b, kJoin * total / metric_total * edge.weight});
     return {static_cast<int>(e.psi.size()), edges};
   }
 
@@ -236,7 +241,8 @@ class Level {
     const CellIntegrals narrower = integrate_cells(measure_, e.diagram, sampling_.sites, e.psi, starts_);
     measure_.radius = radius;
     Potential derivative(e.psi.size());
-    for (std::size_t i = 0; i < derivative.size(); ++i) derivative[i] = (e.cells.masses[i] - narrower.masses[i]) / (kShare * radius);
+    for (std::size_t i = 0; i < derivative.size(); ++i)
+      derivative[i] = (e.cells.masses[i] - narrower.masses[i]) / (kShare * radius);
     return derivative;
   }
 
@@ -370,9 +376,8 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
       }
     }
     for (const auto& point : target.points) measure.disks.push_back({point.position_mm - spread.mean, point.flux});
-    const double start_scale = std::getenv("LM_START") ? std::atof(std::getenv("LM_START")) : kStartRadius;
     const double spacing = std::sqrt(12 * sampling.spread.x() * sampling.spread.y() / n);
-    measure.radius = std::max(options.point_radius_mm, start_scale * spacing);
+    measure.radius = std::max(options.point_radius_mm, kStartRadius * spacing);
 
     if (psi.empty()) {
       // The affine map with the right centre and spreads.
@@ -390,7 +395,8 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
                           finest ? options.max_tolerance : kCoarseTolerance,
                           monitor.part(share_done, share_done + 0.75 * share));
     if (finest && !(target.curves.empty() && target.points.empty())) {
-      result = solver.narrow(std::move(*result), options.point_radius_mm, options.l1_tolerance, options.max_tolerance, monitor.part(0.9, 1));
+      result = solver.narrow(std::move(*result), options.point_radius_mm, options.l1_tolerance, options.max_tolerance,
+                             monitor.part(0.9, 1));
     }
     share_done += 0.75 * share;
     psi = result->psi;
