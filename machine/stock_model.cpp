@@ -28,6 +28,8 @@ constexpr double kMillTurn_rad = 2e-4;
 constexpr double kVertical_rad = 1e-4;
 /// Long motions of tilted mills are cut into pieces so that tiles can be left out.
 constexpr double kTiltedPiece_mm = 1.0;
+/// Moves in which shank or holder might meet what their own cutter removes are taken apart this finely.
+constexpr double kCollisionPiece_mm = 0.5;
 /// Ends that are nearer than this are one vertex of a path.
 constexpr double kSameVertex_mm = 1e-6;
 /// The tip may be this far below the back of the blank before that is a fault.
@@ -62,6 +64,20 @@ struct StockModel::Impl {
     bool level = false;
   };
 
+  /// What might meet the stock in a move, from upper bounds only.
+  struct Suspicion {
+    bool tip = false;
+    bool flutes = false;
+    bool body = false;  ///< shank and holder
+  };
+  struct Hit {
+    StockField::Probe probe;
+    const char* part = "";
+  };
+  struct Hits {
+    Hit cutter, others;
+  };
+
   Impl(const Blank& blank, const StockOptions& stock_options) : field(blank, stock_options.pitch_mm), options(stock_options) {}
 
   StockField field;
@@ -77,6 +93,8 @@ struct StockModel::Impl {
   void report(const std::string& kind, const std::string& part, const Piece& piece, const std::string& message,
               const Vec3& place, double amount);
   void apply();
+  void execute(const Piece& piece, const Suspicion& suspicion);
+  [[nodiscard]] Hits hits_of(const Piece& piece, const Suspicion& suspicion, double margin) const;
   void cut_collected();
   void add_cut(const Piece& piece);
   void add_flutes(const Piece& piece);
@@ -278,6 +296,7 @@ void StockModel::Impl::add_flutes(const Piece& piece) {
   sweep.corner_mm = tool.corner_mm;
   sweep.flat_mm = 0;
   sweep.radius_mm = tool.radius_mm;
+  sweep.from_height_mm = tool.corner_mm;
   sweep.body = {0, tool.corner_mm, std::max(tool.corner_mm, tool.flute_length_mm - tool.corner_mm)};
   const Vec3 motion = piece.move.to.tip_mm - piece.move.from.tip_mm;
   const int count = std::max(1, static_cast<int>(std::ceil(motion.norm() / kTiltedPiece_mm)));
@@ -296,11 +315,6 @@ void StockModel::Impl::cut_collected() {
 
 void StockModel::Impl::apply() {
   // Which bodies might meet the stock as it was before this batch? The stock only shrinks: what is clear now stays clear.
-  struct Suspicion {
-    bool tip = false;
-    bool flutes = false;
-    bool body = false;
-  };
   std::vector<Suspicion> suspicions(pieces.size());
   parallel_blocks(pieces.size(), 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
@@ -322,79 +336,97 @@ void StockModel::Impl::apply() {
     }
   });
 
-  for (std::size_t k = 0; k < pieces.size(); ++k) {
-    const Piece& piece = pieces[k];
-    const Tool& tool = tools[piece.tool];
-    const Suspicion& suspicion = suspicions[k];
-    const bool cutting = !piece.move.rapid && piece.move.spindle_on;
-    if (!cutting) {
-      end_path();
-      path.open = false;
-    }
-
-    const double below_table = -lowest_of_tip(piece);
-    if (below_table > kTable_mm) {
-      report("table", "", piece, "the cutter goes " + mm(below_table) + " below the back of the blank", piece.move.to.tip_mm,
-             below_table);
-    }
-
-    bool removes = cutting;
-    if (suspicion.body || (!cutting && (suspicion.tip || suspicion.flutes))) {
-      cut_collected();  // the stock as it stands when this move starts
-      const double clearance = piece.move.rapid ? options.rapid_clearance_mm : 0.0;
-      const double margin = clearance - kTouch_mm;
-      struct Worst {
-        StockField::Probe probe;
-        const char* part = "";
-      } cutter, others;
-      if (suspicion.tip && !cutting) {
-        for (const Sweep& sweep : tip_sweeps(piece, margin)) {
-          const auto probe = field.probe(sweep);
-          if (probe.depth_mm > cutter.probe.depth_mm) cutter = {probe, "cutter"};
-        }
-      }
-      for (const Tool::Slice& slice : tool.slices) {
-        const bool flutes = slice.part == Tool::Part::kFlutes;
-        if (flutes ? (cutting || !suspicion.flutes) : !suspicion.body) continue;
-        if (!may_touch(field, slice.body, piece.move.from, piece.move.to, margin)) continue;
-        const auto probe = touch(field, slice.body, piece.move.from, piece.move.to, margin);
-        Worst& worst = flutes ? cutter : others;
-        if (probe.depth_mm > worst.probe.depth_mm) worst = {probe, name_of(slice.part)};
-      }
-      if (piece.move.rapid) {
-        const Worst& worst = cutter.probe.depth_mm >= others.probe.depth_mm ? cutter : others;
-        if (worst.probe.depth_mm > 0) {
-          report("rapid_in_stock", "", piece,
-                 "rapid with the " + std::string(worst.part) + " " + mm(worst.probe.depth_mm) + " below the top of the stock" +
-                     (clearance > 0 ? " (or nearer than " + mm(clearance) + " to it)" : ""),
-                 worst.probe.place_mm, worst.probe.depth_mm);
-        }
-      } else {
-        if (cutter.probe.depth_mm > 0) {
-          report("spindle_off_in_cut", "", piece,
-                 "feed with the spindle off and the cutter " + mm(cutter.probe.depth_mm) + " below the top of the stock",
-                 cutter.probe.place_mm, cutter.probe.depth_mm);
-        }
-        if (others.probe.depth_mm > 0) {
-          report("collision", others.part, piece,
-                 "the " + std::string(others.part) + " is " + mm(others.probe.depth_mm) + " below the top of the stock",
-                 others.probe.place_mm, others.probe.depth_mm);
-        }
-      }
-      // Whatever should not have touched but did has taken its material along.
-      removes = removes || cutter.probe.depth_mm > 0;
-    }
-    if (removes) {
-      add_cut(piece);
-      if (suspicion.flutes && tool.ball) add_flutes(piece);
-    }
-    if (!cutting) {
-      end_path();
-      path.open = false;
-    }
-  }
+  for (std::size_t k = 0; k < pieces.size(); ++k) execute(pieces[k], suspicions[k]);
   cut_collected();
   pieces.clear();
+}
+
+/// Checks a move against the stock as it stands and cuts. Runs in the order of time.
+void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
+  const Tool& tool = tools[piece.tool];
+  const bool cutting = !piece.move.rapid && piece.move.spindle_on;
+  if (!cutting) {
+    end_path();
+    path.open = false;
+  }
+
+  const double below_table = -lowest_of_tip(piece);
+  if (below_table > kTable_mm) {
+    report("table", "", piece, "the cutter goes " + mm(below_table) + " below the back of the blank", piece.move.to.tip_mm,
+           below_table);
+  }
+
+  bool removes = cutting;
+  if (suspicion.body || (!cutting && (suspicion.tip || suspicion.flutes))) {
+    cut_collected();  // the stock as it stands when this move starts
+    const double clearance = piece.move.rapid ? options.rapid_clearance_mm : 0.0;
+    const Hits hits = hits_of(piece, suspicion, clearance - kTouch_mm);
+    const double length = (piece.move.to.tip_mm - piece.move.from.tip_mm).norm();
+    if (cutting && hits.others.probe.depth_mm > 0 && length > kCollisionPiece_mm) {
+      // A shank that leans back passes where the cutter of this very move has been: piece by piece, then.
+      const int count = static_cast<int>(std::ceil(length / kCollisionPiece_mm));
+      const double angle = turn(piece.move.from, piece.move.to);
+      Piece part = piece;
+      for (int k = 1; k <= count; ++k) {
+        part.move.to = k == count ? piece.move.to : pose_at(piece.move, angle, static_cast<double>(k) / count);
+        execute(part, suspicion);
+        part.move.from = part.move.to;
+      }
+      return;
+    }
+    if (piece.move.rapid) {
+      const Hit& worst = hits.cutter.probe.depth_mm >= hits.others.probe.depth_mm ? hits.cutter : hits.others;
+      if (worst.probe.depth_mm > 0) {
+        report("rapid_in_stock", "", piece,
+               "rapid with the " + std::string(worst.part) + " " + mm(worst.probe.depth_mm) + " below the top of the stock" +
+                   (clearance > 0 ? " (or nearer than " + mm(clearance) + " to it)" : ""),
+               worst.probe.place_mm, worst.probe.depth_mm);
+      }
+    } else {
+      if (hits.cutter.probe.depth_mm > 0) {
+        report("spindle_off_in_cut", "", piece,
+               "feed with the spindle off and the cutter " + mm(hits.cutter.probe.depth_mm) + " below the top of the stock",
+               hits.cutter.probe.place_mm, hits.cutter.probe.depth_mm);
+      }
+      if (hits.others.probe.depth_mm > 0) {
+        report("collision", hits.others.part, piece,
+               "the " + std::string(hits.others.part) + " is " + mm(hits.others.probe.depth_mm) + " below the top of the stock",
+               hits.others.probe.place_mm, hits.others.probe.depth_mm);
+      }
+    }
+    // Whatever should not have touched but did has taken its material along.
+    removes = removes || hits.cutter.probe.depth_mm > 0;
+  }
+  if (removes) {
+    add_cut(piece);
+    if (suspicion.flutes && tool.ball) add_flutes(piece);
+  }
+  if (!cutting) {
+    end_path();
+    path.open = false;
+  }
+}
+
+/// The deepest place of the cutter (unless it may cut) and of the rest in the stock.
+StockModel::Impl::Hits StockModel::Impl::hits_of(const Piece& piece, const Suspicion& suspicion, double margin) const {
+  const Tool& tool = tools[piece.tool];
+  const bool cutting = !piece.move.rapid && piece.move.spindle_on;
+  Hits hits;
+  if (suspicion.tip && !cutting) {
+    for (const Sweep& sweep : tip_sweeps(piece, margin)) {
+      const auto probe = field.probe(sweep);
+      if (probe.depth_mm > hits.cutter.probe.depth_mm) hits.cutter = {probe, "cutter"};
+    }
+  }
+  for (const Tool::Slice& slice : tool.slices) {
+    const bool flutes = slice.part == Tool::Part::kFlutes;
+    if (flutes ? (cutting || !suspicion.flutes) : !suspicion.body) continue;
+    if (!may_touch(field, slice.body, piece.move.from, piece.move.to, margin)) continue;
+    const auto probe = touch(field, slice.body, piece.move.from, piece.move.to, margin);
+    Hit& hit = flutes ? hits.cutter : hits.others;
+    if (probe.depth_mm > hit.probe.depth_mm) hit = {probe, name_of(slice.part)};
+  }
+  return hits;
 }
 
 StockModel::StockModel(const Blank& blank, const StockOptions& options) : impl_(std::make_unique<Impl>(blank, options)) {}

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "design/core/errors.h"
@@ -84,13 +85,16 @@ void StockField::visit_tile(const Sweep& sweep, int ti, int tj, double below, Vi
   const int j_begin = tj * kTileNodes;
   const int j_end = std::min(j_begin + kTileNodes, heights_.height);
   if (sweep.shape == Sweep::Shape::kTilted) {
-    // A cylinder around everything that the cutter covers while the tile's nodes move to its centre and it to mid-way.
-    const Frustum around{0, std::max(sweep.body.top_mm, sweep.body.corner_mm) + sweep.body.corner_mm,
-                         sweep.body.flat_mm + sweep.body.corner_mm, sweep.body.flat_mm + sweep.body.corner_mm};
-    const double slack = half * std::sqrt(2.0) + (sweep.to - sweep.from).norm() / 2 + kSlack_mm;
-    if (underside(around.grown(slack), (sweep.from + sweep.to) / 2, sweep.axis, centre.x(), centre.y()) >= below) return;
+    const Vec3 middle = (sweep.from + sweep.to) / 2;
+    const Frustum around_tile = sweep.around(half * std::sqrt(2.0) + kSlack_mm);
+    if (underside(around_tile, middle, sweep.axis, centre.x(), centre.y()) >= below) return;
+    const Frustum around = sweep.around(kSlack_mm);
     for (int j = j_begin; j < j_end; ++j) {
-      for (int i = i_begin; i < i_end; ++i) visit(heights_.index(i, j), i, j, sweep.height(x(i), y(j)));
+      for (int i = i_begin; i < i_end; ++i) {
+        const std::size_t node = heights_.index(i, j);
+        if (underside(around, middle, sweep.axis, x(i), y(j)) >= heights_.values[node]) continue;
+        visit(node, i, j, sweep.height(x(i), y(j)));
+      }
     }
     return;
   }
@@ -256,6 +260,54 @@ double StockField::removed_mm3() const {
   return std::max(0.0, sum) * pitch_mm_ * pitch_mm_;
 }
 
+namespace {
+
+/// Two surfaces meet where their heights differ by no more than this.
+constexpr double kMeeting_mm = 2e-6;
+
+/// Where two balls' surfaces meet, nearest to a node and in its cell.
+struct Ridge {
+  double x = 0, y = 0;  ///< from the node
+  double height = 0;
+  double slope_x = 0, slope_y = 0;  ///< mean of both surfaces there
+};
+
+/// Newton from the node: on both planes, which rise from their mean by -+ k, the surfaces meet where k . d is half the
+/// difference of their heights, nearest at d = k difference / 2 |k|^2.
+std::optional<Ridge> ridge_in_cell(const BallWitness& one, const BallWitness& other, SweptPoint a, SweptPoint b, double x,
+                                   double y, double half) {
+  double at_x = 0;
+  double at_y = 0;
+  for (int round = 0; round < 4; ++round) {
+    if (a.height == kNothing || b.height == kNothing) return std::nullopt;
+    const double kx = (b.slope_x - a.slope_x) / 2;
+    const double ky = (b.slope_y - a.slope_y) / 2;
+    // Smooth joints between motions of one path meet in equal slopes: no ridge.
+    constexpr double kLeastSlope = 5e-5;
+    const double k2 = kx * kx + ky * ky;
+    if (k2 < kLeastSlope * kLeastSlope) return std::nullopt;
+    if (round > 0 && std::abs(a.height - b.height) < kMeeting_mm) {
+      return Ridge{at_x, at_y, std::min(a.height, b.height), (a.slope_x + b.slope_x) / 2, (a.slope_y + b.slope_y) / 2};
+    }
+    const double target = (a.height - b.height) / 2 + kx * at_x + ky * at_y;  // of k . d, d from the node
+    if (std::abs(target) > (std::abs(kx) + std::abs(ky)) * half * (1 + 1e-9)) return std::nullopt;
+    at_x = kx * target / k2;
+    at_y = ky * target / k2;
+    if (std::abs(at_x) > half) {
+      at_x = std::copysign(half, at_x);
+      at_y = ky != 0 ? std::clamp((target - kx * at_x) / ky, -half, half) : 0.0;
+    } else if (std::abs(at_y) > half) {
+      at_y = std::copysign(half, at_y);
+      at_x = kx != 0 ? std::clamp((target - ky * at_y) / kx, -half, half) : 0.0;
+    }
+    a = swept_ball(one.from, one.to, one.radius_mm, x + at_x, y + at_y);
+    b = swept_ball(other.from, other.to, other.radius_mm, x + at_x, y + at_y);
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
 Grid<float> StockField::peaks() const {
   Grid<float> peaks(heights_.width, heights_.height);
   const double half = pitch_mm_ / 2;
@@ -283,39 +335,18 @@ Grid<float> StockField::peaks() const {
         }
         double peak = own;
         for (int a = 0; a < count; ++a) {
-          if (around[a].height == kNothing) continue;
           for (int b = a + 1; b < count; ++b) {
-            if (around[b].height == kNothing) continue;
-            // Both surfaces rise from the plane of their mean slope by -+ k: they meet where k . d = half the difference of
-            // their heights, nearest to the node at d = k difference / 2 |k|^2, or nowhere in the cell.
-            const double kx = (around[b].slope_x - around[a].slope_x) / 2;
-            const double ky = (around[b].slope_y - around[a].slope_y) / 2;
-            const double difference = (around[a].height - around[b].height) / 2;
-            const double most = (std::abs(kx) + std::abs(ky)) * half;
-            if (most < 1e-6 || std::abs(difference) > most) continue;
-            double place_x = kx * difference / (kx * kx + ky * ky);
-            double place_y = ky * difference / (kx * kx + ky * ky);
-            if (std::abs(place_x) > half) {
-              place_x = std::copysign(half, place_x);
-              if (ky != 0) place_y = (difference - kx * place_x) / ky;
-            } else if (std::abs(place_y) > half) {
-              place_y = std::copysign(half, place_y);
-              if (kx != 0) place_x = (difference - ky * place_y) / kx;
-            }
-            // The envelope of all of them there, carried back to the node along the mean slope of the two at that place.
-            double envelope = kNothing;
-            double mean_x = 0;
-            double mean_y = 0;
+            const auto ridge = ridge_in_cell(witnesses_[makers[a]], witnesses_[makers[b]], around[a], around[b], x(i), y(j), half);
+            if (!ridge) continue;
+            // It is one of the part only where no other ball has taken it away.
+            double envelope = ridge->height;
             for (int k = 0; k < count; ++k) {
+              if (k == a || k == b) continue;
               const BallWitness& ball = witnesses_[makers[k]];
-              const SweptPoint there = swept_ball(ball.from, ball.to, ball.radius_mm, x(i) + place_x, y(j) + place_y);
-              envelope = std::min(envelope, there.height);
-              if (k != a && k != b) continue;
-              mean_x += there.slope_x / 2;
-              mean_y += there.slope_y / 2;
+              envelope = std::min(envelope, swept_ball(ball.from, ball.to, ball.radius_mm, x(i) + ridge->x, y(j) + ridge->y).height);
             }
-            if (envelope == kNothing) continue;
-            peak = std::max(peak, envelope - mean_x * place_x - mean_y * place_y);
+            if (envelope < ridge->height - kMeeting_mm) continue;
+            peak = std::max(peak, envelope - ridge->slope_x * ridge->x - ridge->slope_y * ridge->y);
           }
         }
         peaks.values[node] = static_cast<float>(peak);

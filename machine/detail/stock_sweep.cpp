@@ -100,7 +100,10 @@ Distance distance_to_swept(const RoundedCylinder& body, const Vec3& axis, const 
   if (nearest.gradient.dot(motion) <= 0) return nearest;
   nearest = distance_to(body, axis, p - motion);
   if (nearest.gradient.dot(motion) >= 0) return nearest;
-  for (int k = 0; k < 40; ++k) {
+  // A moment that is off by this much moves the nearest distance by its square over the radius, or less at an edge.
+  constexpr double kMoment_mm = 1e-6;
+  const double length = motion.norm();
+  while ((high - low) * length > kMoment_mm) {
     const double middle = (low + high) / 2;
     nearest = distance_to(body, axis, p - middle * motion);
     (nearest.gradient.dot(motion) > 0 ? low : high) = middle;
@@ -166,6 +169,12 @@ void Sweep::prepare() {
     reach.include(end.head<2>() + around);
   }
   lowest_mm = std::min(from.z(), to.z()) - (shape == Shape::kBall ? radius_mm : 0.0);
+}
+
+Frustum Sweep::around(double slack_mm) const {
+  const double radius = body.flat_mm + body.corner_mm;
+  const Frustum still{from_height_mm, std::max(body.top_mm, body.corner_mm) + body.corner_mm, radius, radius};
+  return still.grown(slack_mm + (to - from).norm() / 2);
 }
 
 double Sweep::least_height(double distance_mm) const {

@@ -54,6 +54,7 @@ struct Sweep {
   /// The whole footprint must be looked at, not only the slab beside the motion.
   bool whole = false;
   RoundedCylinder body;       ///< kTilted
+  double from_height_mm = 0;  ///< kTilted: what it covers below this height above the tip is left to other sweeps
   Vec3 axis = Vec3::UnitZ();  ///< kTilted
 
   // Worked out by prepare().
@@ -66,6 +67,8 @@ struct Sweep {
   Box2 reach;                       ///< seen from above
 
   void prepare();
+  /// kTilted: a cylinder that, in the middle of the motion, contains what the sweep covers within `slack_mm` of it.
+  [[nodiscard]] Frustum around(double slack_mm) const;
   /// The lowest height of the swept cutter over (x, y); kNothing beside it.
   [[nodiscard]] double height(double x, double y) const;
   /// No height `distance_mm` or farther from the motion (seen from above) is below this (kBall, kMill).
