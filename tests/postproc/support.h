@@ -107,12 +107,12 @@ inline ToolPath lead_rows(double lead_rad, int rows, int points, double size_mm 
       return ToolPose{centre - 2 * axis, axis};
     };
     const ToolPose start = pose(0), end = pose(1);
-    if (r == 0) path.moves.push_back({{start.tip_mm + Vec3(0, 0, 20), start.axis}, MoveKind::kRapid, 0});
-    if (r > 0) path.moves.push_back({{start.tip_mm + Vec3(0, 0, 20), start.axis}, MoveKind::kLink, 80});
+    if (r == 0) path.moves.push_back({{start.tip_mm + Vec3(0, 0, 24), start.axis}, MoveKind::kRapid, 0});
+    if (r > 0) path.moves.push_back({{start.tip_mm + Vec3(0, 0, 24), start.axis}, MoveKind::kLink, 80});
     path.moves.push_back({start, MoveKind::kPlunge, 5});
     for (int p = 1; p <= points; ++p) path.moves.push_back({pose(double(p) / points), MoveKind::kCut, 18});
-    path.moves.push_back({{end.tip_mm + Vec3(0, 0, 20), end.axis}, MoveKind::kLink, 80});
-    path.moves.push_back({{end.tip_mm + Vec3(0, 0, 24), end.axis}, MoveKind::kRapid, 0});
+    path.moves.push_back({{end.tip_mm + Vec3(0, 0, 24), end.axis}, MoveKind::kLink, 80});
+    path.moves.push_back({{end.tip_mm + Vec3(0, 0, 28), end.axis}, MoveKind::kRapid, 0});
   }
   return path;
 }
