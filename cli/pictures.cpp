@@ -207,13 +207,16 @@ void write_toolpath_picture(const std::filesystem::path& path, const ToolPath& t
   // The blank fills most of the picture; entries and exits beside it are visible.
   constexpr int kPixels = 900;
   Box2 view = Box2::centred(blank.size_mm);
+  // A tilted ball's tip is beside what it cuts; its centre is above.
+  const double up = tool_path.cutter.is_ball() ? tool_path.cutter.radius_mm() : 0;
+  const auto place = [&](const Move& move) -> Vec3 { return move.pose.tip_mm + up * move.pose.axis; };
   double lowest = std::numeric_limits<double>::infinity();
   double highest = -lowest;
   for (const Move& move : tool_path.moves) {
     if (move.kind != MoveKind::kCut) continue;
-    lowest = std::min(lowest, move.pose.tip_mm.z());
-    highest = std::max(highest, move.pose.tip_mm.z());
-    view.include(move.pose.tip_mm.head<2>());
+    lowest = std::min(lowest, place(move).z());
+    highest = std::max(highest, place(move).z());
+    view.include(place(move).head<2>());
   }
   const double range = std::max(highest - lowest, 1e-9);
   const double scale = (kPixels - 40) / view.size().maxCoeff();
@@ -238,9 +241,9 @@ void write_toolpath_picture(const std::filesystem::path& path, const ToolPath& t
     if (cut && before != MoveKind::kCut && before != MoveKind::kPlunge) ++pass;
     before = move.kind;
     if (pass % every != 0) continue;
-    const Vec2 a = pixel(tool_path.moves[i - 1].pose.tip_mm);
-    const Vec2 b = pixel(move.pose.tip_mm);
-    const Colour colour = cut ? height_colour((move.pose.tip_mm.z() - lowest) / range)
+    const Vec2 a = pixel(place(tool_path.moves[i - 1]));
+    const Vec2 b = pixel(place(move));
+    const Colour colour = cut ? height_colour((place(move).z() - lowest) / range)
                               : move.kind == MoveKind::kRapid ? Colour{0.85, 0.30, 0.25} : Colour{0.95, 0.65, 0.25};
     canvas.line(a, b, colour);
   }
