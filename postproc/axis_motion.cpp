@@ -156,7 +156,7 @@ class Writer {
 
   // From wherever the machine stands to `joints`, over the machine's top.
   void approach(const JointPosition& joints) {
-    JointPosition above = joints;
+    JointPosition above = below_top(joints);
     above.z_mm = job_.machine.retract_z_mm;
     motion_.moves.push_back({above, MoveKind::kRapid, 0, true});
     rapid(joints);
@@ -169,6 +169,7 @@ class Writer {
 
   // Up along the tool, turn the table at the machine's top, across, down along the tool.
   void reorient(const JointPosition& joints) {
+    below_top(joints);
     JointPosition above = at_;
     above.z_mm = job_.machine.retract_z_mm;
     rapid(above);
@@ -201,6 +202,17 @@ class Writer {
   void tip_error(double error_mm) { motion_.max_tip_error_um = std::max(motion_.max_tip_error_um, error_mm * 1e3); }
 
  private:
+  // A place that the machine's top clears.
+  const JointPosition& below_top(const JointPosition& joints) const {
+    if (joints.z_mm > job_.machine.retract_z_mm + kJointSlack) {
+      throw InputError(motion_.pass + ": the tool path's safe place stands " +
+                       compact(joints.z_mm - job_.machine.retract_z_mm, 3) +
+                       " mm above the machine's top (retract_z_mm = " + compact(job_.machine.retract_z_mm, 3) +
+                       "); lower the workpiece or use a shorter tool");
+    }
+    return joints;
+  }
+
   const Job& job_;
   AxisMotion& motion_;
   JointPosition at_;

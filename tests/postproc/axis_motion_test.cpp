@@ -163,6 +163,16 @@ TEST(PlanMotion, FinerToleranceMakesMoreBlocks) {
   EXPECT_LT(ratio, 20);
 }
 
+// Both machines that we ship: other pivots, the other rotary sign, a limited C.
+TEST(PlanMotion, HoldsOnEveryFixtureMachine) {
+  for (const char* name : {"hsm400u_grblhal.toml", "bc_offset_grblhal.toml"}) {
+    const MachineModel machine = read_machine(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines" / name);
+    const WorkSetup setup = work_on_table(machine, {19, -14, 30}, 54);
+    const ToolPath path = test::lead_rows(20 * kDeg, 3, 10);
+    expect_motion_holds(machine, setup, path, plan_motion(machine, setup, path));
+  }
+}
+
 // A dome milled with the tool along its normal: the axis passes the pole and its neighbourhood.
 TEST(PlanMotion, NormalToADomeThroughThePole) {
   const MachineModel machine = test::hostile_machine();
@@ -323,6 +333,10 @@ TEST(PlanMotion, RefusesNamingPlaceAndRemedy) {
   long_tool.cutter.length_mm = 130;
   EXPECT_THAT(refusal(machine, setup, long_tool),
               AllOf(HasSubstr("cutter longer than the machine's reach"), HasSubstr("shorter tool")));
+
+  MachineModel low = machine;
+  low.retract_z_mm = -290;  // below the first place of the path
+  EXPECT_THAT(refusal(low, setup, path), AllOf(HasSubstr("above the machine's top"), HasSubstr("lower the workpiece")));
 
   ToolPath turning_rapid = path;
   turning_rapid.moves.back().pose.axis = Vec3::UnitZ();
