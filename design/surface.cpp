@@ -382,12 +382,8 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
     const std::vector<Vec3> wanted = detail::fresnel_normals(positions, targets_mm, lens, receiver);
     energy.target_normals = ring_targets(wanted, positions, rings);
     energy.target_slopes = detail::slopes_of(wanted);
-    if (turn > 0) {
-      freedom = near_creases(energy, positions, most_freedom);
-      if (std::getenv("LM_DEBUG"))
-        fprintf(stderr, "free %ld of %ld\n", count - std::count(freedom.begin(), freedom.end(), Freedom::kHeight),
-                count);
-    }
+    // The first turn brings the heights to rest; what is wrong then, only sliding can mend.
+    if (turn > 0) freedom = near_creases(energy, positions, most_freedom);
     const std::vector<Vec3> before = positions;
     const detail::MinimiserReport report = detail::minimise(energy, kStepsPerTurn, positions, part);
     hold_back(surface.mesh.triangles, before, least_area, positions);
