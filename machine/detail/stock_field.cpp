@@ -147,8 +147,8 @@ void StockField::visit_tile(const Sweep& sweep, int ti, int tj, double below, Vi
       to = std::min(to, static_cast<int>(std::floor(std::min(b, static_cast<double>(i_end)))) + 1);
     }
     for (int i = from; i < to; ++i) {
-      const double height = sweep.height(x(i), node_y);
-      visit(heights_.index(i, j), i, j, height);
+      const std::size_t node = heights_.index(i, j);
+      visit(node, i, j, sweep.height(x(i), node_y, heights_.values[node]));
     }
   }
 }

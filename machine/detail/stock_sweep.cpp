@@ -202,37 +202,52 @@ double bottom_rise(double rho, double flat_mm, double corner_mm) {
 
 /// Sloped motion of a mill: the bottom's rise is convex and grows with the distance, the distance is convex along the motion,
 /// so the height over a node is convex along the motion: its minimum is where the derivative changes sign.
-double sloped_mill(const Sweep& sweep, double s, double u) {
-  const double radius2 = sweep.radius_mm * sweep.radius_mm - u * u;
-  if (radius2 < 0) return kNothing;
-  const double half = std::sqrt(radius2);
-  double low = std::max(0.0, s - half);   // centre's place along the motion
+double sloped_mill(const Sweep& sweep, double s, double u, double below) {
+  const double climb = sweep.rise_mm * sweep.inverse_length;
+  const double flat2 = sweep.flat_mm * sweep.flat_mm;
+  // Most nodes are under the flat at the lower end of the motion: nothing can be lower.
+  const double w_low = (climb > 0 ? 0.0 : sweep.length_mm) - s;
+  if (u * u + w_low * w_low <= flat2) return sweep.lowest_mm;
+  const double reach2 = sweep.radius_mm * sweep.radius_mm - u * u;
+  if (reach2 < 0) return kNothing;
+  const double half = std::sqrt(reach2);
+  double low = std::max(0.0, s - half);  // centre's place along the motion
   double high = std::min(sweep.length_mm, s + half);
   if (low > high) return kNothing;
-  const double climb = sweep.rise_mm * sweep.inverse_length;
+  if (sweep.corner_mm <= 0) return sweep.from.z() + climb * (climb > 0 ? low : high);
+  const double w_near = std::clamp(s, 0.0, sweep.length_mm) - s;
+  if (sweep.lowest_mm + bottom_rise(std::sqrt(u * u + w_near * w_near), sweep.flat_mm, sweep.corner_mm) >= below) {
+    return kNothing;
+  }
   const auto derivative = [&](double place) {
     const double w = place - s;
-    const double rho = std::hypot(u, w);
+    const double rho = std::sqrt(u * u + w * w);
     const double out = rho - sweep.flat_mm;
     if (out <= 0 || rho == 0) return climb;
     const double depth2 = sweep.corner_mm * sweep.corner_mm - out * out;
     if (depth2 <= 0) return w > 0 ? kNothing : -kNothing;
     return climb + out / std::sqrt(depth2) * w / rho;
   };
-  if (sweep.corner_mm <= 0) {
-    return sweep.from.z() + climb * (climb > 0 ? low : high);
+  double place = low;
+  if (derivative(low) < 0) {
+    place = high;
+    if (derivative(high) > 0) {
+      // Off by this much from the minimum, the height is off by its square over the corner's radius.
+      constexpr double kPlace_mm = 1e-5;
+      while (high - low > kPlace_mm) {
+        const double middle = (low + high) / 2;
+        (derivative(middle) > 0 ? high : low) = middle;
+      }
+      place = (low + high) / 2;
+    }
   }
-  for (int k = 0; k < 50; ++k) {
-    const double middle = (low + high) / 2;
-    (derivative(middle) > 0 ? high : low) = middle;
-  }
-  const double place = (low + high) / 2;
-  return sweep.from.z() + climb * place + bottom_rise(std::hypot(u, place - s), sweep.flat_mm, sweep.corner_mm);
+  const double w = place - s;
+  return sweep.from.z() + climb * place + bottom_rise(std::sqrt(u * u + w * w), sweep.flat_mm, sweep.corner_mm);
 }
 
 }  // namespace
 
-double Sweep::height(double x, double y) const {
+double Sweep::height(double x, double y, double below) const {
   const double dx = x - from.x();
   const double dy = y - from.y();
   const double s = dx * along_x + dy * along_y;
@@ -252,7 +267,7 @@ double Sweep::height(double x, double y) const {
       return (place <= 0 ? from.z() : to.z()) - std::sqrt(depth2);
     }
     case Shape::kMill: {
-      if (rise_mm != 0) return sloped_mill(*this, s, u);
+      if (rise_mm != 0) return sloped_mill(*this, s, u, below);
       const double w = s < 0 ? s : std::max(0.0, s - length_mm);
       const double rho2 = u * u + w * w;
       if (rho2 > radius_mm * radius_mm) return kNothing;

@@ -69,8 +69,8 @@ struct Sweep {
   void prepare();
   /// kTilted: a cylinder that, in the middle of the motion, contains what the sweep covers within `slack_mm` of it.
   [[nodiscard]] Frustum around(double slack_mm) const;
-  /// The lowest height of the swept cutter over (x, y); kNothing beside it.
-  [[nodiscard]] double height(double x, double y) const;
+  /// The lowest height of the swept cutter over (x, y); kNothing beside it and, where that saves work, if not below `below`.
+  [[nodiscard]] double height(double x, double y, double below = kNothing) const;
   /// No height `distance_mm` or farther from the motion (seen from above) is below this (kBall, kMill).
   [[nodiscard]] double least_height(double distance_mm) const;
 };
