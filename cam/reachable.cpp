@@ -31,7 +31,7 @@ struct CellFunctionals {
   std::vector<std::array<double, 4>> value, slope, curvature;
 };
 
-/// Cells are spans, also outside of [0, spans), where the surface goes straight on.
+/// Cells are spans of the padded surface, also outside of [0, spans), where it goes straight on.
 CellFunctionals cell_functionals(int cell, int spans, double per_mm) {
   CellFunctionals f;
   if (cell >= 0 && cell < spans) {
@@ -88,16 +88,21 @@ Range range(const double (&block)[4][4], const Functionals& along_x, const Funct
 /// Says whether a region has no place where the surface is too hollow for the ball.
 class HollowMap {
  public:
-  HollowMap(const SplineSurface& surface, double radius_mm)
-      : first_(surface.extent().min), per_mm_(surface.span_mm().cwiseInverse()) {
+  HollowMap(const SplineSurface& surface, double radius_mm) : per_mm_(surface.span_mm().cwiseInverse()) {
     // Regions asked for lie at most 2 R outside the lens.
     margin_x_ = static_cast<int>(std::ceil(2 * radius_mm * per_mm_.x())) + 1;
     margin_y_ = static_cast<int>(std::ceil(2 * radius_mm * per_mm_.y())) + 1;
+    first_ = surface.extent().min;
     const int nx = surface.spans_x() + 2 * margin_x_;
     const int ny = surface.spans_y() + 2 * margin_y_;
+    constexpr int kPadding = SplineSurface::kPadding;
     std::vector<CellFunctionals> fx, fy;
-    for (int i = 0; i < nx; ++i) fx.push_back(cell_functionals(i - margin_x_, surface.spans_x(), per_mm_.x()));
-    for (int j = 0; j < ny; ++j) fy.push_back(cell_functionals(j - margin_y_, surface.spans_y(), per_mm_.y()));
+    for (int i = 0; i < nx; ++i) {
+      fx.push_back(cell_functionals(i - margin_x_ + kPadding, surface.spans_x() + 2 * kPadding, per_mm_.x()));
+    }
+    for (int j = 0; j < ny; ++j) {
+      fy.push_back(cell_functionals(j - margin_y_ + kPadding, surface.spans_y() + 2 * kPadding, per_mm_.y()));
+    }
     sums_ = Grid<int>(nx + 1, ny + 1, 0);
     std::vector<double> steepest2(ny, 0);
     Grid<unsigned char> hollow(nx, ny, 0);
@@ -106,7 +111,8 @@ class HollowMap {
         for (int i = 0; i < nx; ++i) {
           double block[4][4];
           for (int b = 0; b < 4; ++b) {
-            for (int a = 0; a < 4; ++a) block[b][a] = surface.coefficients().at(fx[i].first + a, fy[j].first + b);
+            for (int a = 0; a < 4; ++a)
+              block[b][a] = surface.padded_coefficients().at(fx[i].first + a, fy[j].first + b);
           }
           const double hx = range(block, fx[i].slope, fy[j].value).magnitude();
           const double hy = range(block, fx[i].value, fy[j].slope).magnitude();

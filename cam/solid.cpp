@@ -1,5 +1,6 @@
 #include "cam/solid.h"
 
+#include <APIHeaderSection_MakeHeader.hxx>
 #include <BRepCheck_Analyzer.hxx>
 #include <BRepGProp.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
@@ -13,6 +14,7 @@
 #include <Geom_Line.hxx>
 #include <Geom_Plane.hxx>
 #include <IFSelect_ReturnStatus.hxx>
+#include <Interface_InterfaceModel.hxx>
 #include <Interface_Static.hxx>
 #include <Message.hxx>
 #include <Message_Messenger.hxx>
@@ -20,12 +22,16 @@
 #include <STEPControl_Reader.hxx>
 #include <STEPControl_Writer.hxx>
 #include <Standard_Failure.hxx>
+#include <StepBasic_Product.hxx>
+#include <StepData_StepModel.hxx>
+#include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
 #include <TopExp_Explorer.hxx>
 #include <TopTools_IndexedDataMapOfShapeListOfShape.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Shell.hxx>
 #include <TopoDS_Solid.hxx>
+#include <XSControl_WorkSession.hxx>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -333,11 +339,22 @@ class LensBuilder {
 };
 
 void write_step(const std::filesystem::path& path, const TopoDS_Shape& shape, const std::string& product_name) {
-  Interface_Static::SetCVal("write.step.product.name", product_name.c_str());
   STEPControl_Writer writer;
   if (writer.Transfer(shape, STEPControl_AsIs) != IFSelect_RetDone) {
     throw NumericalError("STEP: OpenCASCADE cannot transfer the solid");
   }
+  // Not by the setting write.step.product.name: that one counts the products of the process into the name.
+  const Handle(TCollection_HAsciiString) name = new TCollection_HAsciiString(product_name.c_str());
+  const Handle(Interface_InterfaceModel) model = writer.WS()->Model();
+  for (int e = 1; e <= model->NbEntities(); ++e) {
+    const Handle(StepBasic_Product) product = Handle(StepBasic_Product)::DownCast(model->Value(e));
+    if (product.IsNull()) continue;
+    product->SetId(name);
+    product->SetName(name);
+  }
+  APIHeaderSection_MakeHeader header(Handle(StepData_StepModel)::DownCast(model));
+  header.SetName(name);
+  header.SetOriginatingSystem(new TCollection_HAsciiString("lightmill"));
   if (writer.Write(path.c_str()) != IFSelect_RetDone) throw IoError("cannot write STEP file " + path.string());
 }
 

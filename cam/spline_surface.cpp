@@ -22,6 +22,53 @@ std::vector<double> basis_integrals(int spans) {
   return integrals;
 }
 
+/// The line of coefficients that comes after two others on the way outwards: straight on, with the increments smoothed
+/// along the line and bent by its curvature. Of a mode along the line with eigenvalue k of -difference^2, 0 <= k <= 4,
+/// the amplitudes of successive lines are z^n with
+///   z^2 - (2 - k / 2) z + (1 - k / 4) = 0:
+/// |z| = sqrt(1 - k / 4) at most, so that details fade and nothing grows but a straight line (k = 0).
+std::vector<double> next_line(const std::vector<double>& before, const std::vector<double>& last) {
+  const int count = static_cast<int>(last.size());
+  std::vector<double> next(count);
+  const auto increment = [&](int i) { return last[i] - before[i]; };
+  for (int i = 0; i < count; ++i) {
+    // Beyond its ends the line is straight, and the increments stay what they are there.
+    const int left = std::max(0, i - 1), right = std::min(count - 1, i + 1);
+    const double bent = left < i && i < right ? last[left] - 2 * last[i] + last[right] : 0;
+    next[i] = last[i] + increment(i) + (increment(left) - 2 * increment(i) + increment(right) + bent) / 4;
+  }
+  return next;
+}
+
+Grid<double> padded(const Grid<double>& inner, int padding) {
+  Grid<double> result(inner.width + 2 * padding, inner.height + 2 * padding);
+  for (int j = 0; j < inner.height; ++j) {
+    for (int i = 0; i < inner.width; ++i) result.at(i + padding, j + padding) = inner.at(i, j);
+  }
+  // To the left and right of the inner rows, then below and above of all columns.
+  const auto pad = [&](bool along_x, int from, int to, int border, int step) {
+    const auto cell = [&](int across, int along) -> double& {
+      return along_x ? result.at(across, along) : result.at(along, across);
+    };
+    std::vector<double> before(to - from), last(to - from);
+    for (int k = from; k < to; ++k) {
+      before[k - from] = cell(border - step, k);
+      last[k - from] = cell(border, k);
+    }
+    for (int n = 1; n <= padding; ++n) {
+      std::vector<double> next = next_line(before, last);
+      for (int k = from; k < to; ++k) cell(border + n * step, k) = next[k - from];
+      before = std::move(last);
+      last = std::move(next);
+    }
+  };
+  pad(true, padding, padding + inner.height, padding, -1);
+  pad(true, padding, padding + inner.height, padding + inner.width - 1, 1);
+  pad(false, 0, result.width, padding, -1);
+  pad(false, 0, result.width, padding + inner.height - 1, 1);
+  return result;
+}
+
 template <typename Better>
 double extreme(const SplineSurface& surface, Better better) {
   constexpr int kPerSpan = 8;
@@ -50,6 +97,8 @@ SplineSurface::SplineSurface(const Box2& extent, int spans_x, int spans_y, Grid<
                      std::to_string(coefficients_.height) + " coefficients, must be (spans_x + 3) x (spans_y + 3)");
   }
   per_mm_ = Vec2(spans_x / extent.size().x(), spans_y / extent.size().y());
+  first_ = extent.min - kPadding * span_mm();
+  padded_ = padded(coefficients_, kPadding);
 }
 
 Vec3 SplineSurface::normal(double x, double y) const {

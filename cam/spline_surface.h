@@ -11,9 +11,10 @@
 
 namespace lightmill {
 
-/// z = h(x, y) over a rectangle, uniform knots, (spans_x + 3) x (spans_y + 3) coefficients. Outside the rectangle the
-/// surface goes on with the height and slope of the nearest border point, axis by axis (C1 everywhere; beyond a corner
-/// the two straight lines span a bilinear patch), because a cutter overlaps the border.
+/// z = h(x, y) over a rectangle, uniform knots, (spans_x + 3) x (spans_y + 3) coefficients. A cutter overlaps the
+/// border: outside the rectangle the surface goes on C2 for 24 spans, straight but for details along the border, which
+/// fade, and then straight for good. (Straight on from every border point, a crease that leaves the lens askew would
+/// become a step that grows with the distance.)
 class SplineSurface {
  public:
   struct Sample {
@@ -34,6 +35,10 @@ class SplineSurface {
   /// Size of one span, mm.
   [[nodiscard]] Vec2 span_mm() const { return {1 / per_mm_.x(), 1 / per_mm_.y()}; }
 
+  /// `coefficients()` and kPadding more on every side, which make the surface outside the rectangle.
+  static constexpr int kPadding = 24;
+  [[nodiscard]] const Grid<double>& padded_coefficients() const { return padded_; }
+
   [[nodiscard]] double height(double x, double y) const;
   [[nodiscard]] Sample sample(double x, double y) const;
   /// Unit normal, on +Z's side.
@@ -48,7 +53,9 @@ class SplineSurface {
   int spans_x_ = 0;
   int spans_y_ = 0;
   Vec2 per_mm_{1, 1};  ///< spans per mm
+  Vec2 first_{0, 0};   ///< where the padded knots begin
   Grid<double> coefficients_;
+  Grid<double> padded_;
 };
 
 /// How well a spline follows the mesh, off the creases and over all. A vertex counts as crease when the mesh's slopes
@@ -74,11 +81,11 @@ SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const Monitor&
 // Evaluation is what every tool path and check spends its time on: it lives here to be inlined.
 
 inline SplineSurface::Sample SplineSurface::sample(double x, double y) const {
-  const detail::SplineBasis bx = detail::spline_basis(x - extent_.min.x(), per_mm_.x(), spans_x_);
-  const detail::SplineBasis by = detail::spline_basis(y - extent_.min.y(), per_mm_.y(), spans_y_);
+  const detail::SplineBasis bx = detail::spline_basis(x - first_.x(), per_mm_.x(), spans_x_ + 2 * kPadding);
+  const detail::SplineBasis by = detail::spline_basis(y - first_.y(), per_mm_.y(), spans_y_ + 2 * kPadding);
   Sample result;
-  const double* c = coefficients_.values.data() + static_cast<std::size_t>(by.first) * coefficients_.width + bx.first;
-  for (int j = 0; j < 4; ++j, c += coefficients_.width) {
+  const double* c = padded_.values.data() + static_cast<std::size_t>(by.first) * padded_.width + bx.first;
+  for (int j = 0; j < 4; ++j, c += padded_.width) {
     const double v = bx.value[0] * c[0] + bx.value[1] * c[1] + bx.value[2] * c[2] + bx.value[3] * c[3];
     const double d = bx.slope[0] * c[0] + bx.slope[1] * c[1] + bx.slope[2] * c[2] + bx.slope[3] * c[3];
     const double dd = bx.curvature[0] * c[0] + bx.curvature[1] * c[1] + bx.curvature[2] * c[2] + bx.curvature[3] * c[3];
@@ -93,11 +100,11 @@ inline SplineSurface::Sample SplineSurface::sample(double x, double y) const {
 }
 
 inline double SplineSurface::height(double x, double y) const {
-  const detail::SplineBasis bx = detail::spline_basis(x - extent_.min.x(), per_mm_.x(), spans_x_);
-  const detail::SplineBasis by = detail::spline_basis(y - extent_.min.y(), per_mm_.y(), spans_y_);
+  const detail::SplineBasis bx = detail::spline_basis(x - first_.x(), per_mm_.x(), spans_x_ + 2 * kPadding);
+  const detail::SplineBasis by = detail::spline_basis(y - first_.y(), per_mm_.y(), spans_y_ + 2 * kPadding);
   double h = 0;
-  const double* c = coefficients_.values.data() + static_cast<std::size_t>(by.first) * coefficients_.width + bx.first;
-  for (int j = 0; j < 4; ++j, c += coefficients_.width) {
+  const double* c = padded_.values.data() + static_cast<std::size_t>(by.first) * padded_.width + bx.first;
+  for (int j = 0; j < 4; ++j, c += padded_.width) {
     h += by.value[j] * (bx.value[0] * c[0] + bx.value[1] * c[1] + bx.value[2] * c[2] + bx.value[3] * c[3]);
   }
   return h;

@@ -1,0 +1,175 @@
+#include "cam/solid.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+
+#include "design/core/files.h"
+
+namespace lightmill {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Solid : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = fs::temp_directory_path() /
+              (std::string("lightmill_solid_") + testing::UnitTest::GetInstance()->current_test_info()->name());
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  fs::path folder_;
+};
+
+/// The spline that is a0 + a x^2 + b y^2 + c x y exactly: on uniform knots of width w the coefficient of x^2 is x^2 -
+/// w^2 / 3 at the middle knot (its blossom).
+SplineSurface paraboloid(const Box2& extent, int spans_x, int spans_y, double a0, double a, double b, double c) {
+  Grid<double> k(spans_x + 3, spans_y + 3);
+  const Vec2 w = extent.size().cwiseQuotient(Vec2(spans_x, spans_y));
+  for (int j = 0; j < k.height; ++j) {
+    for (int i = 0; i < k.width; ++i) {
+      const double x = extent.min.x() + (i - 1) * w.x();
+      const double y = extent.min.y() + (j - 1) * w.y();
+      k.at(i, j) = a0 + a * (x * x - w.x() * w.x() / 3) + b * (y * y - w.y() * w.y() / 3) + c * x * y;
+    }
+  }
+  return {extent, spans_x, spans_y, k};
+}
+
+double paraboloid_volume(const Box2& e, double a0, double a, double b, double c) {
+  const auto moment = [](double from, double to, int n) {
+    return (std::pow(to, n + 1) - std::pow(from, n + 1)) / (n + 1);
+  };
+  const auto mx = [&](int n) { return moment(e.min.x(), e.max.x(), n); };
+  const auto my = [&](int n) { return moment(e.min.y(), e.max.y(), n); };
+  return a0 * mx(0) * my(0) + a * mx(2) * my(0) + b * mx(0) * my(2) + c * mx(1) * my(1);
+}
+
+int count(const std::string& text, const std::string& word) {
+  int n = 0;
+  for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) ++n;
+  return n;
+}
+
+const Box2 kExtent{{-31, -12}, {23, 17}};
+
+TEST_F(Solid, OneTileHasThePolynomialsVolume) {
+  const SplineSurface surface = paraboloid(kExtent, 20, 11, 12, -0.002, 0.001, 0.0015);
+  const SolidSummary summary = write_lens_step(folder_ / "lens.step", surface, "test lens");
+  EXPECT_TRUE(summary.valid);
+  EXPECT_EQ(summary.faces, 6);
+  EXPECT_EQ(summary.free_edges, 0);
+  const double truth = paraboloid_volume(kExtent, 12, -0.002, 0.001, 0.0015);
+  EXPECT_NEAR(summary.volume_mm3 / truth, 1, 1e-7);
+  EXPECT_NEAR(summary.spline_volume_mm3 / truth, 1, 1e-12);
+  EXPECT_LT(summary.max_deviation_um, 1e-6);
+  EXPECT_EQ(summary.file_bytes, fs::file_size(folder_ / "lens.step"));
+}
+
+TEST_F(Solid, TilesShareTheirEdges) {
+  // 170 spans make 2 tiles, 100 make 1; a surface that is no polynomial.
+  SplineSurface flat = paraboloid(kExtent, 170, 100, 12, -0.002, 0.001, 0.0015);
+  Grid<double> c = flat.coefficients();
+  for (int j = 0; j < c.height; ++j) {
+    for (int i = 0; i < c.width; ++i)
+      c.at(i, j) += 0.2 * std::sin(0.3 * i) * std::cos(0.2 * j) + 0.05 * std::abs(i - 80 - j);
+  }
+  const SplineSurface surface(kExtent, 170, 100, c);
+  const SolidSummary summary = write_lens_step(folder_ / "lens.step", surface, "two tiles");
+  EXPECT_TRUE(summary.valid);
+  EXPECT_EQ(summary.faces, 2 + 5);
+  EXPECT_EQ(summary.free_edges, 0);
+  EXPECT_NEAR(summary.volume_mm3 / surface.volume_mm3(), 1, 1e-6);
+  EXPECT_LT(summary.max_deviation_um, 1e-6);
+
+  // The file as text: a second look that is not OpenCASCADE's.
+  const std::string text = read_whole(folder_ / "lens.step");
+  EXPECT_EQ(count(text, "B_SPLINE_SURFACE_WITH_KNOTS"), 2);
+  EXPECT_EQ(count(text, "ADVANCED_FACE"), 7);
+  EXPECT_EQ(count(text, "CLOSED_SHELL"), 1);
+  EXPECT_EQ(count(text, "MANIFOLD_SOLID_BREP"), 1);
+  // Tops: 2 x 4 edges with one shared; walls and back: 4 + 4 more.
+  EXPECT_EQ(count(text, "EDGE_CURVE"), 7 + 8);
+  EXPECT_EQ(count(text, "PRODUCT('two tiles','two tiles'"), 1);
+  EXPECT_EQ(count(text, "SI_UNIT(.MILLI.,.METRE.)"), 1);
+  EXPECT_EQ(count(text, "FILE_SCHEMA(('AUTOMOTIVE_DESIGN"), 1);
+}
+
+TEST_F(Solid, ASphericalCapHasItsVolume) {
+  constexpr double kRadius = 80;
+  const Box2 extent{{-12, -9}, {10, 9}};
+  SurfaceMesh mesh;
+  constexpr int kNx = 89, kNy = 73;
+  const auto height = [](double x, double y) { return std::sqrt(kRadius * kRadius - x * x - y * y) - 70; };
+  for (int j = 0; j < kNy; ++j) {
+    for (int i = 0; i < kNx; ++i) {
+      const double x = extent.min.x() + extent.size().x() * i / (kNx - 1);
+      const double y = extent.min.y() + extent.size().y() * j / (kNy - 1);
+      mesh.vertices.emplace_back(x, y, height(x, y));
+    }
+  }
+  for (int j = 0; j + 1 < kNy; ++j) {
+    for (int i = 0; i + 1 < kNx; ++i) {
+      const int a = j * kNx + i;
+      mesh.triangles.push_back({a, a + 1, a + kNx + 1});
+      mesh.triangles.push_back({a, a + kNx + 1, a + kNx});
+    }
+  }
+  mesh.normals = angle_weighted_normals(mesh.vertices, mesh.triangles);
+  const SolidSummary summary = write_lens_step(folder_ / "cap.step", fit_spline(mesh, extent).surface, "cap");
+  // Integral of sqrt(r^2 - x^2 - y^2) over [0, a] x [0, b] in closed form.
+  const auto quadrant = [](double a, double b) {
+    const double r = kRadius, w = std::sqrt(r * r - a * a - b * b);
+    return a * b * w / 3 + a / 6 * (3 * r * r - a * a) * std::atan2(b, w) +
+           b / 6 * (3 * r * r - b * b) * std::atan2(a, w) - r * r * r / 3 * std::atan2(a * b, r * w);
+  };
+  const double truth = 2 * (quadrant(12, 9) + quadrant(10, 9)) - 70 * 22 * 18;
+  EXPECT_NEAR(summary.volume_mm3 / truth, 1, 1e-6);
+}
+
+TEST_F(Solid, IsSilentAndKeepsTheFolderClean) {
+  testing::internal::CaptureStdout();
+  write_lens_step(folder_ / "deep" / "lens.step", paraboloid(kExtent, 5, 4, 12, 0, 0, 0), "quiet");
+  write_blank_step(folder_ / "deep" / "stock.step", {{50, 40}, 14});
+  EXPECT_EQ(testing::internal::GetCapturedStdout(), "");
+  int files = 0;
+  for ([[maybe_unused]] const auto& entry : fs::directory_iterator(folder_ / "deep")) ++files;
+  EXPECT_EQ(files, 2);
+}
+
+TEST_F(Solid, RefusesASurfaceThroughTheBackAndLeavesNothing) {
+  EXPECT_THROW(write_lens_step(folder_ / "lens.step", paraboloid(kExtent, 5, 4, 0.5, -0.01, 0, 0), "thin"), InputError);
+  EXPECT_TRUE(fs::is_empty(folder_));
+}
+
+TEST_F(Solid, AStopLeavesNothing) {
+  Monitor monitor;
+  int calls = 0;
+  monitor.should_stop = [&] { return ++calls > 2; };
+  EXPECT_THROW(write_lens_step(folder_ / "lens.step", paraboloid(kExtent, 5, 4, 12, 0, 0, 0), "stopped", monitor),
+               Stopped);
+  EXPECT_TRUE(fs::is_empty(folder_));
+}
+
+TEST_F(Solid, AFolderThatCannotBeIsAnIoError) {
+  write_whole(folder_ / "file", "not a folder");
+  EXPECT_THROW(write_blank_step(folder_ / "file" / "stock.step", {{50, 40}, 14}), IoError);
+}
+
+TEST_F(Solid, TheBlankIsABlock) {
+  write_blank_step(folder_ / "stock.step", {{50, 40}, 14});
+  const std::string text = read_whole(folder_ / "stock.step");
+  EXPECT_EQ(count(text, "ADVANCED_FACE"), 6);
+  EXPECT_EQ(count(text, "PLANE("), 6);
+  // Its eight corners.
+  EXPECT_EQ(count(text, "VERTEX_POINT"), 8);
+  EXPECT_GT(count(text, "(-25.,-20.,14.)"), 0);
+  EXPECT_GT(count(text, "(25.,20.,0.)"), 0);
+  EXPECT_THROW(write_blank_step(folder_ / "none.step", {{50, 0}, 14}), InputError);
+}
+
+}  // namespace
+}  // namespace lightmill
