@@ -99,15 +99,18 @@ PowerDiagram PowerDiagramBuilder::build(const std::vector<double>& psi) const {
     }
   });
 
+  // Each border once, from the face of lower number: CGAL's own order of edges depends on addresses in memory.
   diagram.edges.reserve(corners.size() * 3 / 2);
-  for (auto edge = triangulation.finite_edges_begin(); edge != triangulation.finite_edges_end(); ++edge) {
-    const auto face = edge->first;
-    const int opposite = edge->second;
-    const int a = face->vertex(Triangulation::ccw(opposite))->info();
-    const int b = face->vertex(Triangulation::cw(opposite))->info();
-    if (a >= n && b >= n) continue;
-    // The face lies left of a -> b, so that its dual vertex ends the border counter-clockwise about a.
-    diagram.edges.push_back({a, b, face->neighbor(opposite)->info(), face->info()});
+  for (const auto face : triangulation.finite_face_handles()) {
+    for (int opposite = 0; opposite < 3; ++opposite) {
+      const int neighbour = face->neighbor(opposite)->info();
+      if (neighbour < face->info()) continue;
+      const int a = face->vertex(Triangulation::ccw(opposite))->info();
+      const int b = face->vertex(Triangulation::cw(opposite))->info();
+      if (a >= n && b >= n) continue;
+      // The face lies left of a -> b, so that its dual vertex ends the border counter-clockwise about a.
+      diagram.edges.push_back({a, b, neighbour, face->info()});
+    }
   }
 
   diagram.first_edge.assign(n + 1, 0);
