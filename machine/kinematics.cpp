@@ -14,7 +14,9 @@ JointPosition between(const JointPosition& a, const JointPosition& b, double t) 
 }
 
 /// Angle between unit vectors; atan2 keeps small angles exact where acos would lose them.
-double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
+double angle_between(const Vec3& a, const Vec3& b) {
+  return std::atan2(a.cross(b).norm(), a.dot(b));
+}
 
 }  // namespace
 
@@ -58,8 +60,8 @@ void WorkpieceView::sweep(const Motion& motion, double length_mm, const SweepTol
   const double turn = std::abs(b.outer_rad - a.outer_rad) + std::abs(b.inner_rad - a.inner_rad);
   int count = 1;
   if (turn > 0) {
-    // Chunks of at most 5 degrees, on which the middle's distance from the chord is the greatest (controllers.md 5.3) and
-    // falls with the square of the count of pieces.
+    // Chunks of at most 5 degrees, on which the middle's distance from the chord is the greatest (controllers.md 5.3)
+    // and falls with the square of the count of pieces.
     const int chunks = std::max(1, static_cast<int>(std::ceil(turn / (5 * kPi / 180))));
     double pieces_per_chunk = 1;
     ToolPose start = cutter(a, length_mm);
@@ -68,8 +70,8 @@ void WorkpieceView::sweep(const Motion& motion, double length_mm, const SweepTol
       const ToolPose end = cutter(between(a, b, (i + 1.0) / chunks), length_mm);
       const double deviation = (middle.tip_mm - (start.tip_mm + end.tip_mm) / 2).norm();
       const double tilt = angle_between(start.axis, middle.axis) + angle_between(middle.axis, end.axis);
-      pieces_per_chunk = std::max({pieces_per_chunk, std::sqrt(deviation / (0.9 * tolerance.tip_mm)),
-                                   1.05 * tilt / tolerance.axis_rad});
+      pieces_per_chunk = std::max(
+          {pieces_per_chunk, std::sqrt(deviation / (0.9 * tolerance.tip_mm)), 1.05 * tilt / tolerance.axis_rad});
       start = end;
     }
     count = chunks * static_cast<int>(std::ceil(pieces_per_chunk));

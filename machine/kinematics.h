@@ -8,25 +8,28 @@
 
 namespace lightmill {
 
-/// How finely moves in which the table turns are cut: the tip keeps its straight line and the axis turns little per piece.
+/// How finely moves in which the table turns are cut: the tip keeps its straight line and the axis turns little per
+/// piece.
 struct SweepTolerance {
-  double tip_mm = 5e-5;                ///< of a piece's middle from its chord
-  double axis_rad = 0.5 * kPi / 180;   ///< turn of the axis in one piece
+  double tip_mm = 5e-5;               ///< of a piece's middle from its chord
+  double axis_rad = 0.5 * kPi / 180;  ///< turn of the axis in one piece
 };
 
-/// Where the cutter stands over the work. It follows the table: each rotary axis turns its own line and the workpiece by
-/// direction * angle (Rodrigues' formula about the axis as it lies in the machine file), and the spindle is looked at from
-/// the turned workpiece. Written from the machine file's data alone; it shares nothing with the post.
-/// Not thread safe (keeps the last table position).
+/// Where the cutter stands over the work. It follows the table: each rotary axis turns its own line and the workpiece
+/// by direction * angle (Rodrigues' formula about the axis as it lies in the machine file), and the spindle is looked
+/// at from the turned workpiece. Written from the machine file's data alone; it shares nothing with the post. Not
+/// thread safe (keeps the last table position).
 class WorkpieceView {
  public:
-  /// `workpiece_origin_mm`: where the workpiece frame's origin stands, machine frame, all joints at zero (axes parallel).
+  /// `workpiece_origin_mm`: where the workpiece frame's origin stands, machine frame, all joints at zero (axes
+  /// parallel).
   WorkpieceView(const MachineModel& machine, const Vec3& workpiece_origin_mm);
 
   /// Tip and axis in the workpiece frame for a cutter that reaches `length_mm` below the gauge point.
   ToolPose cutter(const JointPosition& joints, double length_mm);
 
-  /// Appends the pieces of a straight joint move (fields line, rapid, spindle_on from `motion`, seconds shared out evenly).
+  /// Appends the pieces of a straight joint move (fields line, rapid, spindle_on from `motion`, seconds shared out
+  /// evenly).
   void sweep(const Motion& motion, double length_mm, const SweepTolerance& tolerance, std::vector<SweptMove>& pieces);
 
  private:

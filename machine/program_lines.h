@@ -10,8 +10,8 @@ namespace lightmill {
 
 /// A line that is sent: without its line end and blanks around it.
 struct ProgramLine {
-  long number = 0;         ///< in the text, from 1
-  std::string_view text;   ///< into the program
+  long number = 0;        ///< in the text, from 1
+  std::string_view text;  ///< into the program
 };
 
 /// All lines but blank ones (a controller takes an empty line as the order to forget its last error).

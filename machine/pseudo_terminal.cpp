@@ -56,7 +56,9 @@ void forget_link(const std::string& path) {
   }
 }
 
-[[noreturn]] void fail(const std::string& what) { throw IoError(what + ": " + std::strerror(errno)); }
+[[noreturn]] void fail(const std::string& what) {
+  throw IoError(what + ": " + std::strerror(errno));
+}
 
 }  // namespace
 

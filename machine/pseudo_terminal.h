@@ -8,8 +8,8 @@
 
 namespace lightmill {
 
-/// Owns the controlling end; removes the symbolic link when it goes, also when a signal (INT, TERM, HUP) nobody else handles
-/// ends the process. Throws IoError.
+/// Owns the controlling end; removes the symbolic link when it goes, also when a signal (INT, TERM, HUP) nobody else
+/// handles ends the process. Throws IoError.
 class PseudoTerminal {
  public:
   /// `link`: a symbolic link to the far end (e.g. DIR/port); empty: none.
@@ -19,7 +19,8 @@ class PseudoTerminal {
   PseudoTerminal& operator=(const PseudoTerminal&) = delete;
 
   [[nodiscard]] const std::string& far_end() const { return far_end_; }
-  /// Bytes from the far end (0: none within the deadline). A hang-up of the far end is not an error: another may open it.
+  /// Bytes from the far end (0: none within the deadline). A hang-up of the far end is not an error: another may open
+  /// it.
   std::size_t read_some(std::span<char> buffer, std::chrono::milliseconds deadline);
   /// Writes all bytes, or as many as fit before the deadline.
   std::size_t write_some(std::span<const char> bytes, std::chrono::milliseconds deadline);

@@ -172,8 +172,8 @@ class SerialConnection final : public Connection {
     return true;
   }
 
-  /// libserial's Close throws after a hang-up and its destructor then ends the process, so it gets a healthy terminal to
-  /// close instead. Always, because the hang-up may come at any moment.
+  /// libserial's Close throws after a hang-up and its destructor then ends the process, so it gets a healthy terminal
+  /// to close instead. Always, because the hang-up may come at any moment.
   void close_quietly() noexcept {
     try {
       if (!port_.IsOpen()) return;

@@ -29,8 +29,12 @@ constexpr std::string_view kBanner = "GrblHAL 1.1f ['$' or '$HELP' for help]\r\n
 /// WCO comes with every so many status reports, as in grblHAL.
 constexpr int kReportsPerOffset = 10;
 
-Joints to_array(const JointPosition& j) { return {j.x_mm, j.y_mm, j.z_mm, j.outer_rad, j.inner_rad}; }
-JointPosition to_position(const Joints& a) { return {a[0], a[1], a[2], a[3], a[4]}; }
+Joints to_array(const JointPosition& j) {
+  return {j.x_mm, j.y_mm, j.z_mm, j.outer_rad, j.inner_rad};
+}
+JointPosition to_position(const Joints& a) {
+  return {a[0], a[1], a[2], a[3], a[4]};
+}
 
 /// Outside comments, is there a letter of `letters`?
 bool has_word(std::string_view line, std::string_view letters) {
@@ -39,7 +43,8 @@ bool has_word(std::string_view line, std::string_view letters) {
     if (c == ';') return false;
     if (c == '(') comment = true;
     if (c == ')') comment = false;
-    if (!comment && letters.find(static_cast<char>(std::toupper(static_cast<unsigned char>(c)))) != std::string_view::npos) {
+    if (!comment &&
+        letters.find(static_cast<char>(std::toupper(static_cast<unsigned char>(c)))) != std::string_view::npos) {
       return true;
     }
   }
@@ -59,13 +64,13 @@ struct SimulatedMachine::Impl {
   std::unique_ptr<detail::StockWorker> stock;
 
   // The machine.
-  JointPosition joints;             ///< where the axes are
-  Joints planned{};                 ///< where they are when all planned motions are done
+  JointPosition joints;  ///< where the axes are
+  Joints planned{};      ///< where they are when all planned motions are done
   const Cutter* tool = nullptr;
   int tool_number = 0;
   bool spindle_clockwise = false;
   double rpm = 0;
-  double at_speed_s = 0;            ///< machine time at which the spindle has reached its speed
+  double at_speed_s = 0;  ///< machine time at which the spindle has reached its speed
   double machine_seconds = 0;
   std::vector<SweptMove> pieces;
   std::vector<Fault> faults;
@@ -86,15 +91,15 @@ struct SimulatedMachine::Impl {
   bool held = false, door = false, checking = false;
   bool waits_for_tool = false, pauses = false;
   int incoming_tool = 0;
-  bool overlong = false;            ///< the beginning of the line in the buffer has been thrown away
-  std::size_t next_step = 0;        ///< of the line that waits for the operator
-  bool locked = false;              ///< by an alarm; $X or $H unlocks
-  bool needs_reset = false;         ///< a critical alarm: deaf until reset
+  bool overlong = false;      ///< the beginning of the line in the buffer has been thrown away
+  std::size_t next_step = 0;  ///< of the line that waits for the operator
+  bool locked = false;        ///< by an alarm; $X or $H unlocks
+  bool needs_reset = false;   ///< a critical alarm: deaf until reset
   int latched_error = 0;
   int reports = 0;
   std::string program;
-  long program_line = 0;            ///< since reset
-  long total_lines = 0;             ///< program lines since power-on
+  long program_line = 0;  ///< since reset
+  long total_lines = 0;   ///< program lines since power-on
   long executed_lines = 0;
   long oks = 0;
   long received_bytes = 0;
@@ -106,7 +111,12 @@ struct SimulatedMachine::Impl {
   double wire_credit = 0;
 
   Impl(SimulatedMachine* self, const MachineModel& m, const OperatorSetup& s, const SimulationOptions& o)
-      : outside(self), machine(m), setup(s), options(o), interpreter(m), view(m, s.workpiece_origin_mm),
+      : outside(self),
+        machine(m),
+        setup(s),
+        options(o),
+        interpreter(m),
+        view(m, s.workpiece_origin_mm),
         buffer(m.receive_buffer_bytes) {
     if (options.remove_stock) stock = std::make_unique<detail::StockWorker>(setup.blank, options.stock);
     joints.x_mm = std::clamp(0.0, machine.x.min_mm, machine.x.max_mm);
@@ -202,12 +212,12 @@ struct SimulatedMachine::Impl {
       if (auto found = check('X', q[0], machine.x.min_mm, machine.x.max_mm, 1, "mm")) return found;
       if (auto found = check('Y', q[1], machine.y.min_mm, machine.y.max_mm, 1, "mm")) return found;
       if (auto found = check('Z', q[2], machine.z.min_mm, machine.z.max_mm, 1, "mm")) return found;
-      if (auto found = check(machine.outer.letter, q[3], machine.outer.min_rad, machine.outer.max_rad, kDegreesPerRad,
-                             "deg")) {
+      if (auto found =
+              check(machine.outer.letter, q[3], machine.outer.min_rad, machine.outer.max_rad, kDegreesPerRad, "deg")) {
         return found;
       }
-      if (auto found = check(machine.inner.letter, q[4], machine.inner.min_rad, machine.inner.max_rad, kDegreesPerRad,
-                             "deg")) {
+      if (auto found =
+              check(machine.inner.letter, q[4], machine.inner.min_rad, machine.inner.max_rad, kDegreesPerRad, "deg")) {
         return found;
       }
     }
@@ -283,7 +293,8 @@ struct SimulatedMachine::Impl {
           if (step.number == 0) {
             stop_spindle();
           } else {
-            if (rpm == 0 || (step.number == 3) != spindle_clockwise) at_speed_s = machine_seconds + machine.spindle_start_s;
+            if (rpm == 0 || (step.number == 3) != spindle_clockwise)
+              at_speed_s = machine_seconds + machine.spindle_start_s;
             rpm = step.rpm;
             spindle_clockwise = step.number == 3;
           }
@@ -348,16 +359,26 @@ struct SimulatedMachine::Impl {
   /// True if the byte was one: it does not enter the buffer.
   bool real_time(unsigned char byte) {
     switch (byte) {
-      case '?': case 0x80: case 0x87: report(byte == 0x87); return true;
-      case '!': case 0x82:
+      case '?':
+      case 0x80:
+      case 0x87:
+        report(byte == 0x87);
+        return true;
+      case '!':
+      case 0x82:
         if (!held && !door && !locked) {
           advance();
           held = true;
           held_at_s = clock_s();
         }
         return true;
-      case '~': case 0x81: if (!locked) resume(); return true;
-      case 0x18: reset(); return true;
+      case '~':
+      case 0x81:
+        if (!locked) resume();
+        return true;
+      case 0x18:
+        reset();
+        return true;
       case 0x84:
         if (!door && !locked) {
           advance();
@@ -366,7 +387,8 @@ struct SimulatedMachine::Impl {
           say("[MSG:Check Door]");
         }
         return true;
-      default: return byte >= 0x80;  // overrides and others that are not simulated
+      default:
+        return byte >= 0x80;  // overrides and others that are not simulated
     }
   }
 
@@ -425,8 +447,8 @@ struct SimulatedMachine::Impl {
       state = "Run";
     }
     const int blocks = std::max(0, machine.planner_blocks - static_cast<int>(planner.size()));
-    std::string text = std::string("<") + state + "|MPos:" + axes_text(to_array(joints)) + "|Bf:" +
-                       std::to_string(blocks) + "," + std::to_string(buffer.free()) +
+    std::string text = std::string("<") + state + "|MPos:" + axes_text(to_array(joints)) +
+                       "|Bf:" + std::to_string(blocks) + "," + std::to_string(buffer.free()) +
                        "|FS:" + compact(interpreter.modes().feed, 1) + "," + compact(rpm, 0);
     if (complete || reports % kReportsPerOffset == 0) text += "|WCO:" + axes_text(work_offset());
     if (complete || reports % kReportsPerOffset == 1) text += "|Ov:100,100,100";
@@ -671,7 +693,9 @@ bool SimulatedMachine::busy() const {
   return !impl_->planner.empty() || !impl_->wire.empty();
 }
 
-bool SimulatedMachine::dead() const { return impl_->dead; }
+bool SimulatedMachine::dead() const {
+  return impl_->dead;
+}
 
 SimulationResult SimulatedMachine::result() const {
   SimulationResult result;

@@ -59,7 +59,8 @@ class Streamer {
     } catch (const Stopped&) {
       result_.end = StreamEnd::kStopped;
       hold_quietly();
-      result_.message = "stopped by the user; the machine is held (~ on the controller goes on, a reset gives up); " + account();
+      result_.message =
+          "stopped by the user; the machine is held (~ on the controller goes on, a reset gives up); " + account();
     } catch (const IoError& error) {
       result_.end = StreamEnd::kHungUp;
       result_.message = std::string(error.what()) + "; the controller goes on with what it has buffered; " + account();
@@ -81,11 +82,12 @@ class Streamer {
   long acknowledged_ = 0;         ///< lines before this one have their ok; [acknowledged_, next_) are under way
   int in_flight_ = 0;             ///< bytes of the lines under way
   std::size_t audited_ = 0;       ///< all acknowledgements up to here have been there at once
-  std::size_t followed_ = 0;      ///< position_ has read the lines before this one
+  std::size_t followed_ = 0;      ///< programmed_ has read the lines before this one
   detail::LineWords last_words_;  ///< of the line before next_
-  detail::ProgrammedPosition position_;
-  std::string unsent_;            ///< bytes the system has not taken yet
-  std::string partial_;           ///< beginning of a reply
+  detail::ProgrammedState programmed_;
+  std::string modes_;    ///< the controller's last answer to $G
+  std::string unsent_;   ///< bytes the system has not taken yet
+  std::string partial_;  ///< beginning of a reply
   StatusReport status_;
   long status_count_ = 0;
   long unreadable_ = 0;
@@ -100,7 +102,7 @@ class Streamer {
   bool locked_ = false;
   int greeting_oks_ = 0;
   std::string greeting_error_;
-  bool operator_line_ = false;    ///< the last line sent makes the controller wait for the operator
+  bool operator_line_ = false;  ///< the last line sent makes the controller wait for the operator
 
   /// What is known of the lines, in words.
   [[nodiscard]] std::string account() const {
@@ -108,8 +110,8 @@ class Streamer {
     std::string text = std::to_string(acknowledged_) + " of " + plural(result_.lines_total, "line") + " acknowledged";
     if (sent > acknowledged_) {
       text += ", " + std::to_string(sent - acknowledged_) + " more sent (lines " +
-              std::to_string(number(static_cast<std::size_t>(acknowledged_))) + " to " + std::to_string(number(next_ - 1)) +
-              ") that may or may not be executed";
+              std::to_string(number(static_cast<std::size_t>(acknowledged_))) + " to " +
+              std::to_string(number(next_ - 1)) + ") that may or may not be executed";
     } else {
       text += ", none other sent";
     }
@@ -209,17 +211,20 @@ class Streamer {
       } else {
         const long at = number(static_cast<std::size_t>(acknowledged_));
         throw Ended{StreamEnd::kAlarm,
-                    "the controller stopped with " + std::string(line) + " at or before line " + std::to_string(at), at};
+                    "the controller stopped with " + std::string(line) + " at or before line " + std::to_string(at),
+                    at};
       }
     } else if (line.starts_with("GrblHAL ") || line.starts_with("Grbl ")) {
       banner_ = true;
       if (!greeting_) {
-        throw Ended{StreamEnd::kReset, "the controller restarted in the middle of the program; its position is not to be "
-                                       "trusted before it is homed"};
+        throw Ended{StreamEnd::kReset,
+                    "the controller restarted in the middle of the program; its position is not to be "
+                    "trusted before it is homed"};
       }
     } else if (line.front() == '[') {
       if (line.find("to unlock]") != std::string_view::npos) locked_ = true;
       if (greeting_ && line.starts_with("[OPT:")) read_options(line);
+      if (line.starts_with("[GC:")) modes_ = line;
     } else {
       // A reply that the wire has garbled; the count of acknowledgements will tell whether it was one.
       ++unreadable_;
@@ -235,21 +240,22 @@ class Streamer {
     if (bytes > 1 && result_.receive_buffer_bytes == 0) result_.receive_buffer_bytes = bytes;
   }
 
-  /// error:n answers the oldest line under way. grblHAL refuses all that follow, grbl would execute them: hold, and hear out
-  /// what is said about the rest.
+  /// error:n answers the oldest line under way. grblHAL refuses all that follow, grbl would execute them: hold, and
+  /// hear out what is said about the rest.
   [[noreturn]] void controller_error(const std::string& reply) {
     const auto index = static_cast<std::size_t>(acknowledged_);
     if (index >= next_) {
       hold_quietly();
-      throw Ended{StreamEnd::kLostAcknowledgement, "the controller said " + reply + " although every line was acknowledged"};
+      throw Ended{StreamEnd::kLostAcknowledgement,
+                  "the controller said " + reply + " although every line was acknowledged"};
     }
     hold_quietly();
     greeting_ = true;  // what comes now is counted, not obeyed
     greeting_oks_ = 0;
     while (listen(milliseconds(100))) {
     }
-    std::string message = "the controller refused line " + std::to_string(lines_[index].number) + " with " + reply + ": '" +
-                          std::string(lines_[index].text.substr(0, 80)) + "'";
+    std::string message = "the controller refused line " + std::to_string(lines_[index].number) + " with " + reply +
+                          ": '" + std::string(lines_[index].text.substr(0, 80)) + "'";
     message += greeting_oks_ > 0 ? "; it executed " + plural(greeting_oks_, "line") + " after it"
                                  : "; it executed none of the lines after it";
     throw Ended{StreamEnd::kControllerError, message, lines_[index].number};
@@ -313,7 +319,8 @@ class Streamer {
     }
     for (const ProgramLine& line : lines_) {
       if (static_cast<int>(line.text.size()) + 1 > result_.receive_buffer_bytes - 1) {
-        throw InputError("line " + std::to_string(line.number) + " of the program is longer than the controller's buffer");
+        throw InputError("line " + std::to_string(line.number) +
+                         " of the program is longer than the controller's buffer");
       }
     }
     if (ask_status()) {
@@ -348,8 +355,8 @@ class Streamer {
       if (in_flight_ + size > result_.receive_buffer_bytes - 1) return;
       const detail::LineWords words = detail::words_of(line.text);
       if (!all_acknowledged()) {
-        // The count of acknowledgements is checked now and then, and around lines that ask for the operator. Two lines that
-        // would read as one if the line feed between them got lost are never under way together.
+        // The count of acknowledgements is checked now and then, and around lines that ask for the operator. Two lines
+        // that would read as one if the line feed between them got lost are never under way together.
         if (operator_line_ || words.tool_change || words.pause) return;
         if (static_cast<long>(next_ - audited_) >= options_.audit_every_lines) return;
         if (detail::may_merge(last_words_, words)) return;
@@ -373,7 +380,8 @@ class Streamer {
     const auto now = Clock::now();
     if (!force && now - last_progress_ < kProgressInterval) return;
     last_progress_ = now;
-    monitor_.report("streaming", lines_.empty() ? 1.0 : static_cast<double>(acknowledged_) / static_cast<double>(lines_.size()));
+    monitor_.report("streaming",
+                    lines_.empty() ? 1.0 : static_cast<double>(acknowledged_) / static_cast<double>(lines_.size()));
   }
 
   void stream() {
@@ -384,7 +392,8 @@ class Streamer {
       const bool waits_for_room = !unsent_.empty();
       if (!listen(waits_for_room ? milliseconds(1) : kPollInterval)) {
         if (operator_line_ && unsent_.empty()) serve_operator();
-        if (!all_acknowledged() && Clock::now() - last_reply_ >= options_.reply_timeout) look_for_lost_acknowledgement();
+        if (!all_acknowledged() && Clock::now() - last_reply_ >= options_.reply_timeout)
+          look_for_lost_acknowledgement();
       } else if (operator_line_ && all_acknowledged()) {
         serve_operator();
       }
@@ -414,7 +423,16 @@ class Streamer {
     if (!options_.on_operator || !options_.on_operator(what)) {
       throw Ended{StreamEnd::kStopped, "the machine waits for the operator (" + what + ") and nobody confirmed"};
     }
-    send_real_time('~');
+    // Confirmed once; a `~` that got lost on the way is sent again.
+    const long acknowledged = acknowledged_;
+    for (int i = 0;; ++i) {
+      send_real_time('~');
+      listen(kPollInterval);
+      if (acknowledged_ > acknowledged) break;
+      if (!ask_status()) throw Ended{StreamEnd::kLostAcknowledgement, "the controller does not answer any more"};
+      if (status_.state != "Tool" && status_.state != "Hold") break;
+      if (i == 20) throw Ended{StreamEnd::kStopped, "the machine does not go on after the operator's confirmation"};
+    }
     operator_line_ = false;
     last_reply_ = Clock::now();
   }
@@ -431,8 +449,13 @@ class Streamer {
         const long at = number(static_cast<std::size_t>(acknowledged_));
         throw Ended{StreamEnd::kAlarm, "the controller is in alarm", at};
       }
-      // Run, Hold, Door, Tool: it has its reasons, the lines are safe in its buffer.
+      // Run, Hold, Door, Tool: it has its reasons, the lines are safe in its buffer. Somebody at the machine may have
+      // held it.
       if (status_.state != "Idle" && status_.state != "Check") {
+        if (status_.state != "Run" && options_.on_operator &&
+            options_.on_operator("the machine waits (" + status_.state + ") although the program did not ask for it")) {
+          send_real_time('~');
+        }
         last_reply_ = Clock::now();
         return;
       }
@@ -440,7 +463,8 @@ class Streamer {
       if (acknowledged_ != before) return;
     }
     const long missing = static_cast<long>(next_) - acknowledged_;
-    const std::string where = "between lines " + std::to_string(number(audited_)) + " and " + std::to_string(number(next_ - 1));
+    const std::string where =
+        "between lines " + std::to_string(number(audited_)) + " and " + std::to_string(number(next_ - 1));
     const auto give_up = [&](const std::string& why) -> Ended {
       hold_quietly();
       return {StreamEnd::kLostAcknowledgement,
@@ -450,20 +474,32 @@ class Streamer {
       throw give_up("its buffer is not empty: the end of a line got lost on the way");
     }
     if (missing != 1) throw give_up("more than one is missing, so lines may have got lost");
-    while (followed_ < next_) position_.read(lines_[followed_++].text);
+    while (followed_ < next_) programmed_.read(lines_[followed_++].text);
     // The work offset comes with every so many reports only, and an old one may be another tool's.
     status_.work_offset.clear();
     for (int i = 0; status_.work_offset.empty() && i < 40; ++i) ask_status();
     int compared = 0;
-    if (status_.state != "Check") {
-      if (!position_.agrees(status_.machine_position, status_.work_offset, compared)) {
-        throw give_up("it does not stand where line " + std::to_string(number(next_ - 1)) + " ends: a line got lost");
-      }
-      if (compared == 0) throw give_up("its position says nothing about the last line");
+    if (!programmed_.agrees_position(status_.machine_position, status_.work_offset, compared) &&
+        status_.state != "Check") {
+      throw give_up("it does not stand where line " + std::to_string(number(next_ - 1)) + " ends: a line got lost");
     }
+    modes_.clear();
+    unsent_ += "$G\n";
+    flush(kStatusTimeout);
+    journal("> ", "$G");
+    greeting_ = true;  // its ok is not a line's
+    const int oks = greeting_oks_;
+    const auto end = Clock::now() + kStatusTimeout;
+    while (greeting_oks_ == oks && Clock::now() < end) listen(milliseconds(50));
+    greeting_ = false;
+    if (greeting_oks_ != oks + 1) throw give_up("it does not answer $G as it should");
+    if (!programmed_.agrees_modes(modes_, compared)) {
+      throw give_up("its modes " + modes_ + " are not those of the program: a line got lost");
+    }
+    if (compared == 0) throw give_up("nothing tells whether the last line was executed");
     // Everything sent was taken out of the buffer and carried out, and nothing was refused: only the ok is missing.
     ++result_.recovered_acknowledgements;
-    recovery_ = where + ", machine idle with empty buffers at the programmed position, so the stream went on";
+    recovery_ = where + ", machine idle with empty buffers, position and modes as programmed, so the stream went on";
     acknowledged_ = static_cast<long>(next_);
     in_flight_ = 0;
     last_reply_ = Clock::now();

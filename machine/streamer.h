@@ -14,21 +14,26 @@ namespace lightmill {
 
 /// How a connection with a controller begins.
 enum class Greeting {
-  kReset,        ///< soft reset (refused while the machine moves), then the banner; nothing of an earlier job is left
-  kWait,         ///< wait for the banner that a controller sends at power-on
-  kNone,         ///< the controller is known to be ready; keep its modal state
+  kReset,  ///< soft reset (refused while the machine moves), then the banner; nothing of an earlier job is left
+  kWait,   ///< wait for the banner that a controller sends at power-on
+  kNone,   ///< the controller is known to be ready; keep its modal state
 };
 
 struct StreamOptions {
-  int receive_buffer_bytes = 0;       ///< 0: ask the controller ($I)
-  std::chrono::milliseconds reply_timeout{5000};  ///< no reply and an idle controller for this long: an acknowledgement is lost
+  int receive_buffer_bytes = 0;  ///< 0: ask the controller ($I)
+  std::chrono::milliseconds reply_timeout{
+      5000};  ///< no reply and an idle controller for this long: an acknowledgement is lost
   std::function<void(const std::string&)> on_traffic;  ///< every line sent ("> ") and received ("< "), for the journal
   Greeting greeting = Greeting::kReset;
-  std::chrono::milliseconds settle_time{100};  ///< of silence before the first line, so that no stale reply is taken for ours
-  int longest_line = 256;             ///< characters the controller takes
-  /// After so many lines the stream waits until every acknowledgement is there, so that a lost one is noticed near its place.
+  std::chrono::milliseconds settle_time{
+      100};                ///< of silence before the first line, so that no stale reply is taken for ours
+  int longest_line = 256;  ///< characters the controller takes
+  /// After so many lines the stream waits until every acknowledgement is there, so that a lost one is noticed near its
+  /// place.
   long audit_every_lines = 20000;
-  /// Asked when the program stops for the operator (tool change, M0); true: go on. Without it the stream ends there.
+  /// Asked when the program stops for the operator (tool change, M0); true: go on, `~` is sent. Without it the stream
+  /// ends there. Also asked when the machine is held for longer than reply_timeout without the program's wish (without
+  /// it: waits).
   std::function<bool(const std::string& what)> on_operator;
 };
 
@@ -37,22 +42,22 @@ enum class StreamEnd { kDone, kControllerError, kAlarm, kLostAcknowledgement, kR
 /// Lines are counted without blank ones; `error_line` and the line numbers in `message` are those of the text.
 struct StreamResult {
   StreamEnd end = StreamEnd::kDone;
-  std::string message;               ///< one line: what is known and what is not
+  std::string message;  ///< one line: what is known and what is not
   long lines_total = 0;
   long lines_sent = 0;
-  long lines_acknowledged = 0;       ///< by an ok, or proven executed by a status report
-  long error_line = 0;               ///< of the program, if the controller named one
+  long lines_acknowledged = 0;  ///< by an ok, or proven executed by a status report
+  long error_line = 0;          ///< of the program, if the controller named one
   long bytes_sent = 0;
   double seconds = 0;
-  int highest_buffer_fill = 0;       ///< unacknowledged bytes, at most receive_buffer_bytes - 1
-  int receive_buffer_bytes = 0;      ///< as used
+  int highest_buffer_fill = 0;          ///< unacknowledged bytes, at most receive_buffer_bytes - 1
+  int receive_buffer_bytes = 0;         ///< as used
   long recovered_acknowledgements = 0;  ///< oks that got lost although the lines were executed
   [[nodiscard]] bool done() const { return end == StreamEnd::kDone; }
 };
 
 /// A controller's status report, e.g. "<Idle|MPos:0.000,0.000,0.000,0.000,0.000,0.000|Bf:100,1023|FS:0,0>".
 struct StatusReport {
-  std::string state;                 ///< without the part behind a colon ("Hold")
+  std::string state;                     ///< without the part behind a colon ("Hold")
   std::vector<double> machine_position;  ///< mm and degrees, as printed; empty: not reported
   std::vector<double> work_offset;       ///< WCO, only in some reports
   int free_blocks = -1, free_bytes = -1;
@@ -61,13 +66,14 @@ struct StatusReport {
 /// False if `line` is no status report.
 bool parse_status(std::string_view line, StatusReport& report);
 
-/// Connects (greeting, drain, one empty line with exactly one ok), streams the program by character counting, waits until
-/// the machine is idle. Lines go as they stand, but without blanks around them and without blank lines. Never repeats a line
-/// and never skips one: on any doubt it stops feeding, holds the machine and returns. The one thing it recovers from is a
-/// single lost ok, and only when two status reports say that the machine is idle with empty buffers and stands where the
-/// program's last line ends.
-/// Throws InputError, before anything is sent, for a line the controller could not take (too long; bytes that act at once,
-/// as ? ! ~ or those above 127, even in a comment; `$` commands). Throws IoError if no controller answers or it is not ready.
+/// Connects (greeting, drain, one empty line with exactly one ok), streams the program by character counting, waits
+/// until the machine is idle. Lines go as they stand, but without blanks around them and without blank lines. Never
+/// repeats a line and never skips one: on any doubt it stops feeding, holds the machine and returns. The one thing it
+/// recovers from is a single lost ok, and only when two status reports say that the machine is idle with empty buffers,
+/// and position and modes are what the lines sent so far ask for. Lines that would read as one valid line if the line
+/// feed between them got lost are never under way together. Throws InputError, before anything is sent, for a line the
+/// controller could not take (too long; bytes that act at once, as ? ! ~ or those above 127, even in a comment; `$`
+/// commands). Throws IoError if no controller answers or it is not ready.
 StreamResult stream_program(Connection& connection, std::string_view program, const StreamOptions& options = {},
                             const Monitor& monitor = {});
 

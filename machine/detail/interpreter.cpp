@@ -14,7 +14,9 @@ constexpr double kRadPerDegree = kPi / 180;
 constexpr double kChordError_mm = 1e-4;
 constexpr int kMostChords = 100000;
 
-constexpr std::uint32_t bit(char letter) { return 1U << (letter - 'A'); }
+constexpr std::uint32_t bit(char letter) {
+  return 1U << (letter - 'A');
+}
 
 /// Letters that carry a value; G and M are commands.
 constexpr std::uint32_t kValueLetters = bit('F') | bit('I') | bit('J') | bit('K') | bit('N') | bit('P') | bit('R') |
@@ -23,8 +25,8 @@ constexpr std::uint32_t kValueLetters = bit('F') | bit('I') | bit('J') | bit('K'
 constexpr double kPowersOfTen[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9, 1e10,
                                    1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20};
 
-/// [+-]digits[.digits], at least one digit, no exponent; blanks inside are not allowed. Exact to the last bit while it has
-/// at most 15 digits. Moves `at` behind the number; false if there is none.
+/// [+-]digits[.digits], at least one digit, no exponent; blanks inside are not allowed. Exact to the last bit while it
+/// has at most 15 digits. Moves `at` behind the number; false if there is none.
 bool read_number(const char*& at, const char* end, double& value) {
   const char* p = at;
   bool negative = false;
@@ -77,25 +79,27 @@ enum ModalGroup : std::uint32_t {
 
 enum class AxisCommand : std::uint8_t { kNone, kMotion, kToolLength };
 
-bool whole(double value) { return value == std::floor(value); }
+bool whole(double value) {
+  return value == std::floor(value);
+}
 
 }  // namespace
 
 struct Interpreter::Block {
-  std::uint32_t words = 0;         ///< letters seen
-  std::array<double, 26> value;    ///< only of letters seen
+  std::uint32_t words = 0;       ///< letters seen
+  std::array<double, 26> value;  ///< only of letters seen
   std::uint32_t groups = 0;
   AxisCommand axis_command = AxisCommand::kNone;
   int motion = -1;
   int offset = -1;
   int units = -1, distance = -1, feed_mode = -1;
-  int tool_length = -1;            ///< 43 or 49
+  int tool_length = -1;  ///< 43 or 49
   bool dwell = false, machine_coordinates = false;
   int stop = -1;
   bool change_tool = false;
   int spindle = -1;
   bool mist = false, flood = false, coolant_off = false;
-  bool nothing = true;             ///< only blanks and comments
+  bool nothing = true;  ///< only blanks and comments
 
   [[nodiscard]] bool has(char letter) const { return (words & bit(letter)) != 0; }
   [[nodiscard]] double of(char letter) const { return value[static_cast<std::size_t>(letter - 'A')]; }
@@ -103,34 +107,62 @@ struct Interpreter::Block {
 
 std::string_view describe(int gcode_error) {
   switch (gcode_error) {
-    case kGcodeOk: return "ok";
-    case kExpectedLetter: return "a word must begin with a letter";
-    case kBadNumber: return "bad number format";
-    case 3: return "unknown $ command";
-    case kNegativeValue: return "negative value";
-    case 8: return "allowed only when idle";
-    case 9: return "locked out by an alarm";
-    case kOverflow: return "line too long";
-    case kUnsupported: return "unsupported command or word";
-    case kModalGroup: return "two commands of one modal group";
-    case kNoFeed: return "feed not given or zero";
-    case kNotInteger: return "command value is not an integer";
-    case kAxisConflict: return "two commands want the axis words";
-    case kWordRepeated: return "word repeated";
-    case kNoAxisWords: return "axis words missing";
-    case kBadLineNumber: return "invalid line number";
-    case kValueMissing: return "value word missing";
-    case kG53Mode: return "G53 needs G0 or G1";
-    case kAxisWordsExist: return "axis words while motion is cancelled";
-    case kNoArcPlane: return "no axis word in the arc's plane";
-    case kInvalidTarget: return "the arc's ends do not fit its centre";
-    case kArcRadius: return "the arc's radius is too small";
-    case kNoArcOffsets: return "arc without centre or radius";
-    case kUnusedWords: return "unused words in the block";
-    case kToolOffsetAxis: return "G43.1 acts on Z only";
-    case kToolRange: return "tool number out of range";
-    case kOutOfRange: return "value out of the machine's range";
-    default: return "error";
+    case kGcodeOk:
+      return "ok";
+    case kExpectedLetter:
+      return "a word must begin with a letter";
+    case kBadNumber:
+      return "bad number format";
+    case 3:
+      return "unknown $ command";
+    case kNegativeValue:
+      return "negative value";
+    case 8:
+      return "allowed only when idle";
+    case 9:
+      return "locked out by an alarm";
+    case kOverflow:
+      return "line too long";
+    case kUnsupported:
+      return "unsupported command or word";
+    case kModalGroup:
+      return "two commands of one modal group";
+    case kNoFeed:
+      return "feed not given or zero";
+    case kNotInteger:
+      return "command value is not an integer";
+    case kAxisConflict:
+      return "two commands want the axis words";
+    case kWordRepeated:
+      return "word repeated";
+    case kNoAxisWords:
+      return "axis words missing";
+    case kBadLineNumber:
+      return "invalid line number";
+    case kValueMissing:
+      return "value word missing";
+    case kG53Mode:
+      return "G53 needs G0 or G1";
+    case kAxisWordsExist:
+      return "axis words while motion is cancelled";
+    case kNoArcPlane:
+      return "no axis word in the arc's plane";
+    case kInvalidTarget:
+      return "the arc's ends do not fit its centre";
+    case kArcRadius:
+      return "the arc's radius is too small";
+    case kNoArcOffsets:
+      return "arc without centre or radius";
+    case kUnusedWords:
+      return "unused words in the block";
+    case kToolOffsetAxis:
+      return "G43.1 acts on Z only";
+    case kToolRange:
+      return "tool number out of range";
+    case kOutOfRange:
+      return "value out of the machine's range";
+    default:
+      return "error";
   }
 }
 
@@ -158,29 +190,60 @@ int Interpreter::add_command_g(int tenths, Block& block) const {
     return taken ? kModalGroup : kGcodeOk;
   };
   switch (tenths) {
-    case 0: case 10: case 20: case 30:
+    case 0:
+    case 10:
+    case 20:
+    case 30:
       // Before the modal group, as in grbl: two motions in a line are two claims on the axis words.
       if (block.axis_command != AxisCommand::kNone) return kAxisConflict;
       block.axis_command = AxisCommand::kMotion;
       block.motion = tenths / 10;
       return claim(kMotionGroup);
-    case 800: block.motion = 80; return claim(kMotionGroup);
-    case 40: block.dwell = true; return claim(kOneShotGroup);
-    case 530: block.machine_coordinates = true; return claim(kOneShotGroup);
-    case 170: return claim(kPlaneGroup);
-    case 200: case 210: block.units = tenths / 10; return claim(kUnitsGroup);
-    case 900: case 910: block.distance = tenths / 10; return claim(kDistanceGroup);
-    case 911: return claim(kArcDistanceGroup);
-    case 930: case 940: block.feed_mode = tenths / 10; return claim(kFeedGroup);
-    case 400: return claim(kCutterCompensationGroup);
-    case 431: case 490:
+    case 800:
+      block.motion = 80;
+      return claim(kMotionGroup);
+    case 40:
+      block.dwell = true;
+      return claim(kOneShotGroup);
+    case 530:
+      block.machine_coordinates = true;
+      return claim(kOneShotGroup);
+    case 170:
+      return claim(kPlaneGroup);
+    case 200:
+    case 210:
+      block.units = tenths / 10;
+      return claim(kUnitsGroup);
+    case 900:
+    case 910:
+      block.distance = tenths / 10;
+      return claim(kDistanceGroup);
+    case 911:
+      return claim(kArcDistanceGroup);
+    case 930:
+    case 940:
+      block.feed_mode = tenths / 10;
+      return claim(kFeedGroup);
+    case 400:
+      return claim(kCutterCompensationGroup);
+    case 431:
+    case 490:
       if (block.axis_command != AxisCommand::kNone) return kAxisConflict;
       block.axis_command = AxisCommand::kToolLength;
       block.tool_length = tenths / 10;
       return claim(kToolLengthGroup);
-    case 540: case 550: case 560: case 570: case 580: case 590: block.offset = tenths / 10; return claim(kOffsetGroup);
-    case 610: return claim(kPathGroup);
-    default: return kUnsupported;
+    case 540:
+    case 550:
+    case 560:
+    case 570:
+    case 580:
+    case 590:
+      block.offset = tenths / 10;
+      return claim(kOffsetGroup);
+    case 610:
+      return claim(kPathGroup);
+    default:
+      return kUnsupported;
   }
 }
 
@@ -191,18 +254,33 @@ int Interpreter::add_command_m(int number, Block& block) const {
     return taken ? kModalGroup : kGcodeOk;
   };
   switch (number) {
-    case 0: case 1: case 2: case 30: block.stop = number; return claim(kStopGroup);
-    case 3: case 4: case 5: block.spindle = number; return claim(kSpindleGroup);
-    case 6: block.change_tool = true; return claim(kToolChangeGroup);
-    case 7: case 8: {  // mist and flood may stand in one block
+    case 0:
+    case 1:
+    case 2:
+    case 30:
+      block.stop = number;
+      return claim(kStopGroup);
+    case 3:
+    case 4:
+    case 5:
+      block.spindle = number;
+      return claim(kSpindleGroup);
+    case 6:
+      block.change_tool = true;
+      return claim(kToolChangeGroup);
+    case 7:
+    case 8: {  // mist and flood may stand in one block
       bool& mine = number == 7 ? block.mist : block.flood;
       if (mine || block.coolant_off) return kModalGroup;
       mine = true;
       block.groups |= kCoolantGroup;
       return kGcodeOk;
     }
-    case 9: block.coolant_off = true; return claim(kCoolantGroup);
-    default: return kUnsupported;
+    case 9:
+      block.coolant_off = true;
+      return claim(kCoolantGroup);
+    default:
+      return kUnsupported;
   }
 }
 
@@ -320,7 +398,8 @@ int Interpreter::execute(std::string_view line) {
   const bool turning = modes.spindle != 5;
   if (turning && (modes.rpm < min_rpm_ || modes.rpm > max_rpm_ || modes.rpm == 0)) return fail(kOutOfRange);
   if (block.spindle >= 0 || (turning && modes.rpm != modes_.rpm)) {
-    steps_.push_back({.kind = GcodeStep::kSpindle, .number = turning ? modes.spindle : 0, .rpm = turning ? modes.rpm : 0.0});
+    steps_.push_back(
+        {.kind = GcodeStep::kSpindle, .number = turning ? modes.spindle : 0, .rpm = turning ? modes.rpm : 0.0});
   }
   if (block.mist || block.flood || block.coolant_off) {
     modes.mist = (modes.mist || block.mist) && !block.coolant_off;
@@ -346,7 +425,8 @@ int Interpreter::execute(std::string_view line) {
     }
   }
 
-  if (block.machine_coordinates && (axis_command != AxisCommand::kMotion || modes.motion > 1)) return fail(kG53Mode);
+  if (block.machine_coordinates && (axis_command == AxisCommand::kToolLength || modes.motion > 1))
+    return fail(kG53Mode);
 
   // Motion.
   if (axis_command == AxisCommand::kMotion) {
@@ -425,7 +505,8 @@ int Interpreter::add_arc(const Block& block, const GcodeModes& modes, bool clock
     if (chord == 0) return kInvalidTarget;
     const double square = 4 * r * r - chord * chord;
     if (square < 0) return kArcRadius;
-    // The centre lies on the chord's bisector: on its left going counter-clockwise, a negative R takes the long way round.
+    // The centre lies on the chord's bisector: on its left going counter-clockwise, a negative R takes the long way
+    // round.
     double h = std::sqrt(square) / (2 * chord);
     if (clockwise != (r < 0)) h = -h;
     i = dx / 2 - dy * h;

@@ -1,4 +1,5 @@
-// RS274 as grblHAL hears it: one line of text to steps of the machine, or an error code; strict, without allocation per line.
+// RS274 as grblHAL hears it: one line of text to steps of the machine, or an error code; strict, without allocation per
+// line.
 #pragma once
 
 #include <array>
@@ -13,29 +14,29 @@ namespace lightmill::detail {
 /// grblHAL's error codes, those that this interpreter can give.
 enum GcodeError : int {
   kGcodeOk = 0,
-  kExpectedLetter = 1,      ///< a word must begin with a letter
-  kBadNumber = 2,           ///< the number of a word is missing or not one; a comment that does not end
+  kExpectedLetter = 1,  ///< a word must begin with a letter
+  kBadNumber = 2,       ///< the number of a word is missing or not one; a comment that does not end
   kNegativeValue = 4,
-  kOverflow = 11,           ///< line longer than kLongestLine
-  kUnsupported = 20,        ///< word or command that this controller does not know
-  kModalGroup = 21,         ///< two commands of one modal group
-  kNoFeed = 22,             ///< feed zero or not given; G93 block without F
+  kOverflow = 11,     ///< line longer than kLongestLine
+  kUnsupported = 20,  ///< word or command that this controller does not know
+  kModalGroup = 21,   ///< two commands of one modal group
+  kNoFeed = 22,       ///< feed zero or not given; G93 block without F
   kNotInteger = 23,
-  kAxisConflict = 24,       ///< two commands that both want the axis words (two motions in a line: a lost line feed)
+  kAxisConflict = 24,  ///< two commands that both want the axis words (two motions in a line: a lost line feed)
   kWordRepeated = 25,
   kNoAxisWords = 26,
   kBadLineNumber = 27,
   kValueMissing = 28,
-  kG53Mode = 30,            ///< G53 needs G0 or G1
-  kAxisWordsExist = 31,     ///< axis words while motion is cancelled (G80)
-  kNoArcPlane = 32,         ///< arc without axis word in its plane
-  kInvalidTarget = 33,      ///< arc whose ends do not fit its radius
+  kG53Mode = 30,         ///< G53 needs G0 or G1
+  kAxisWordsExist = 31,  ///< axis words while motion is cancelled (G80)
+  kNoArcPlane = 32,      ///< arc without axis word in its plane
+  kInvalidTarget = 33,   ///< arc whose ends do not fit its radius
   kArcRadius = 34,
   kNoArcOffsets = 35,
   kUnusedWords = 36,
-  kToolOffsetAxis = 37,     ///< G43.1 with another axis than Z
+  kToolOffsetAxis = 37,  ///< G43.1 with another axis than Z
   kToolRange = 38,
-  kOutOfRange = 39,         ///< spindle speed out of the machine's range
+  kOutOfRange = 39,  ///< spindle speed out of the machine's range
 };
 
 /// In words, for the operator.
@@ -48,27 +49,37 @@ using Joints = std::array<double, 5>;
 
 /// One thing for the machine to do. Steps of a line are carried out in order.
 struct GcodeStep {
-  enum Kind : std::uint8_t { kMove, kDwell, kSpindle, kCoolant, kSelectTool, kChangeTool, kPause, kOptionalPause, kEnd };
+  enum Kind : std::uint8_t {
+    kMove,
+    kDwell,
+    kSpindle,
+    kCoolant,
+    kSelectTool,
+    kChangeTool,
+    kPause,
+    kOptionalPause,
+    kEnd
+  };
   Kind kind = kMove;
   bool rapid = false;
-  Joints target{};          ///< kMove
-  double seconds = 0;       ///< kMove: at the commanded feed (0 for rapids); kDwell
-  int number = 0;           ///< tool; spindle: 0 off, 3, 4; coolant: 7, 8, 9
-  double rpm = 0;           ///< kSpindle
+  Joints target{};     ///< kMove
+  double seconds = 0;  ///< kMove: at the commanded feed (0 for rapids); kDwell
+  int number = 0;      ///< tool; spindle: 0 off, 3, 4; coolant: 7, 8, 9
+  double rpm = 0;      ///< kSpindle
 };
 
 /// Modal state as `$G` reports it.
 struct GcodeModes {
-  int motion = 0;           ///< 0, 1, 2, 3, 80
-  int offset = 54;          ///< 54..59
+  int motion = 0;   ///< 0, 1, 2, 3, 80
+  int offset = 54;  ///< 54..59
   bool inches = false;
   bool incremental = false;
   bool inverse_time = false;
-  int spindle = 5;          ///< 3, 4, 5
+  int spindle = 5;  ///< 3, 4, 5
   bool mist = false, flood = false;
-  int tool = 0;             ///< selected by T
-  double feed = 0;          ///< mm/min; the last one of G94, 0: none yet
-  double rpm = 0;           ///< S
+  int tool = 0;               ///< selected by T
+  double feed = 0;            ///< mm/min; the last one of G94, 0: none yet
+  double rpm = 0;             ///< S
   double tool_length_mm = 0;  ///< of G43.1
 };
 

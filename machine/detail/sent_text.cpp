@@ -1,5 +1,6 @@
 #include "machine/detail/sent_text.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 
@@ -82,19 +83,51 @@ std::string refusal(std::string_view line, int longest) {
   for (const char c : line) {
     const auto code = static_cast<unsigned char>(c);
     if (code >= 0x80) return "has a byte above 127, which would act as a real-time command (write comments in ASCII)";
-    if (c == '?' || c == '!' || c == '~') return std::string("has a '") + c + "', which would act as a real-time command";
+    if (c == '?' || c == '!' || c == '~')
+      return std::string("has a '") + c + "', which would act as a real-time command";
     if (code < 0x20 && c != '\t') return "has a control character";
   }
   return {};
 }
 
-void ProgrammedPosition::read(std::string_view line) {
+int ProgrammedState::mode_of(char letter, long tenths) {
+  if (letter == 'M') return tenths == 30 || tenths == 40 || tenths == 50 ? kSpindle : -1;
+  if (tenths >= 540 && tenths <= 590 && tenths % 10 == 0) return kOffset;
+  switch (tenths) {
+    case 200:
+    case 210:
+      return kUnits;
+    case 900:
+    case 910:
+      return kDistance;
+    case 930:
+    case 940:
+      return kFeed;
+    case 431:
+    case 490:
+      return kLength;
+    default:
+      return -1;
+  }
+}
+
+void ProgrammedState::read(std::string_view line) {
   std::array<double, 6> words{};
   std::array<bool, 6> given{};
   bool machine_coordinates = false, offsets_change = false, no_motion = false, lost = false;
+  bool ends = false, spindle_stops = false;
   for_each_word(line, [&](char letter, double value) {
+    const long tenths = std::lround(std::clamp(value, -1e6, 1e6) * 10);
+    if (letter == 'G' || letter == 'M') {
+      const int mode = mode_of(letter, tenths);
+      if (mode >= 0) mode_[static_cast<std::size_t>(mode)] = tenths;
+    }
+    if (letter == 'M') {
+      ends = ends || tenths == 20 || tenths == 300;
+      spindle_stops = spindle_stops || tenths == 60;  // a tool change may stop it, depending on the controller
+    }
+    if (letter == 'T') tool_ = value;
     if (letter == 'G') {
-      const long tenths = std::lround(value * 10);
       if (tenths == 200 || tenths == 210) inches_ = tenths == 200;
       if (tenths == 900 || tenths == 910) incremental_ = tenths == 910;
       if (tenths == 530) machine_coordinates = true;
@@ -109,6 +142,13 @@ void ProgrammedPosition::read(std::string_view line) {
     words[axis] = value * (inches_ && axis < 3 ? 25.4 : 1.0);
     given[axis] = true;
   });
+  if (spindle_stops) mode_[kSpindle] = -1;
+  if (ends) {
+    // What a program's end resets differs between controllers.
+    mode_.fill(-1);
+    incremental_ = false;
+    offsets_change = true;
+  }
   for (std::size_t i = 0; i < 6; ++i) {
     // A new offset moves the work coordinates of an axis that stands still; what they are now, the words do not say.
     if (lost || (offsets_change && known_[i] == Known::kWork)) known_[i] = Known::kNo;
@@ -125,9 +165,8 @@ void ProgrammedPosition::read(std::string_view line) {
   }
 }
 
-bool ProgrammedPosition::agrees(const std::vector<double>& machine_position, const std::vector<double>& work_offset,
-                                int& compared) const {
-  compared = 0;
+bool ProgrammedState::agrees_position(const std::vector<double>& machine_position,
+                                      const std::vector<double>& work_offset, int& compared) const {
   for (std::size_t i = 0; i < 6 && i < machine_position.size(); ++i) {
     if (known_[i] == Known::kNo) continue;
     double expected = value_[i];
@@ -139,6 +178,24 @@ bool ProgrammedPosition::agrees(const std::vector<double>& machine_position, con
     ++compared;
   }
   return true;
+}
+
+bool ProgrammedState::agrees_modes(std::string_view answer, int& compared) const {
+  if (!answer.starts_with("[GC:")) return false;
+  bool agrees = true;
+  for_each_word(answer.substr(4), [&](char letter, double value) {
+    const long tenths = std::lround(std::clamp(value, -1e6, 1e6) * 10);
+    const int mode = letter == 'G' || letter == 'M' ? mode_of(letter, tenths) : -1;
+    if (mode >= 0 && mode_[static_cast<std::size_t>(mode)] >= 0) {
+      agrees = agrees && mode_[static_cast<std::size_t>(mode)] == tenths;
+      ++compared;
+    }
+    if (letter == 'T' && tool_ >= 0) {
+      agrees = agrees && value == tool_;
+      ++compared;
+    }
+  });
+  return agrees;
 }
 
 }  // namespace lightmill::detail

@@ -5,8 +5,8 @@
 namespace lightmill::detail {
 
 namespace {
-constexpr std::size_t kBatch = 2048;        ///< moves that are handed over at once
-constexpr std::size_t kMostBatches = 128;   ///< about 40 MB of moves
+constexpr std::size_t kBatch = 2048;       ///< moves that are handed over at once
+constexpr std::size_t kMostBatches = 128;  ///< about 40 MB of moves
 }  // namespace
 
 StockWorker::StockWorker(const Blank& blank, const StockOptions& options)

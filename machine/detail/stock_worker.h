@@ -47,7 +47,7 @@ class StockWorker {
   void collect_faults();
 
   StockModel stock_;
-  std::vector<Fault> faults_;      ///< written by the thread, read after finish()
+  std::vector<Fault> faults_;  ///< written by the thread, read after finish()
   std::size_t faults_taken_ = 0;
   std::string program_;
   Batch filling_;

@@ -22,7 +22,9 @@ using namespace lightmill;
 
 namespace {
 
-MachineModel machine_model() { return read_machine(LIGHTMILL_FIXTURES "/machines/hsm400u_grblhal.toml"); }
+MachineModel machine_model() {
+  return read_machine(LIGHTMILL_FIXTURES "/machines/hsm400u_grblhal.toml");
+}
 
 /// Finishing at a fixed tilt: mostly "X.. Y.. Z..", five decimals; or five axes with G93.
 std::string program(long lines, bool five_axes) {
@@ -30,7 +32,8 @@ std::string program(long lines, bool five_axes) {
   text += five_axes ? "G93\n" : "G1 F1080\n";
   for (long i = 0; i < lines; ++i) {
     const double t = static_cast<double>(i) * 1e-3;
-    text += "X" + fixed(40 * std::sin(t), 5) + "Y" + fixed(-20 + 40 * std::cos(1.1 * t), 5) + "Z" + fixed(55 + std::sin(7 * t), 5);
+    text += "X" + fixed(40 * std::sin(t), 5) + "Y" + fixed(-20 + 40 * std::cos(1.1 * t), 5) + "Z" +
+            fixed(55 + std::sin(7 * t), 5);
     if (five_axes) text = text + "B" + fixed(10 * std::sin(t), 5) + "C" + fixed(20 * t, 5) + "F600";
     text += "\n";
   }
@@ -66,7 +69,8 @@ int main(int argc, char** argv) {
     SimulationOptions options;
     options.remove_stock = with_stock;
     options.stock.pitch_mm = 0.1;
-    std::printf("%s, %ld lines, %.1f MB\n", five_axes ? "five axes, G93" : "three axes", lines, 1e-6 * static_cast<double>(text.size()));
+    std::printf("%s, %ld lines, %.1f MB\n", five_axes ? "five axes, G93" : "three axes", lines,
+                1e-6 * static_cast<double>(text.size()));
 
     {
       detail::Interpreter interpreter(model);
@@ -83,7 +87,9 @@ int main(int argc, char** argv) {
     {
       SimulatedMachine machine(model, setup, options);
       long pieces = 0;
-      machine.on_motion = [&](const Motion&, const std::vector<SweptMove>& sweep) { pieces += static_cast<long>(sweep.size()); };
+      machine.on_motion = [&](const Motion&, const std::vector<SweptMove>& sweep) {
+        pieces += static_cast<long>(sweep.size());
+      };
       machine.start();
       const double start = user_seconds();
       for (const ProgramLine& line : program_lines(text)) {

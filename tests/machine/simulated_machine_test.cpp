@@ -1,0 +1,429 @@
+#include "machine/simulated_machine.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+#include "machine/program_lines.h"
+#include "machine_rig.h"
+
+namespace lightmill {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+/// A machine that answers a text at once, as a person at a terminal sees it (carriage returns left out).
+class Talk {
+ public:
+  explicit Talk(const SimulationOptions& options = test::no_stock(), const MachineModel& model = test::skew_machine())
+      : machine(model, test::skew_setup(), options) {
+    machine.start();
+    replies();
+  }
+  std::string replies() {
+    std::string text = machine.take_replies();
+    std::erase(text, '\r');
+    return text;
+  }
+  std::string say(std::string_view text) {
+    machine.receive(text);
+    while (machine.work(1000) > 0) {
+    }
+    return replies();
+  }
+  /// All characters of a burst arrive before the first line is worked on.
+  std::string burst(const std::vector<std::string>& lines) {
+    std::string text;
+    for (const std::string& line : lines) text += line + "\n";
+    return say(text);
+  }
+  SimulatedMachine machine;
+};
+
+// --- Conversations recorded from grblHAL [controllers.md 2.2] ---
+
+TEST(Conversation, BannerAndIdentity) {
+  SimulatedMachine machine(test::skew_machine(), test::skew_setup(), test::no_stock());
+  machine.start();
+  EXPECT_EQ(machine.take_replies(), "\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n");
+  Talk talk;
+  EXPECT_THAT(talk.say("$I\n"), AllOf(HasSubstr("[OPT:VNML+,100,1024,6,0]\n"), HasSubstr("[AXS:6:XYZABC]\n"),
+                                      HasSubstr("[FIRMWARE:grblHAL]\nok\n")));
+  EXPECT_THAT(talk.say("?"), StartsWith("<Idle|MPos:0.000,0.000,0.000,0.000,0.000,0.000|Bf:100,1023|FS:0,0|WCO:10.000,-"
+                                        "5.000,-400.000,0.000,0.000,0.000"));
+  EXPECT_EQ(talk.say("$G\n"), "[GC:G0 G54 G17 G21 G90 G94 G49 M5 M9 T0 F0 S0]\nok\n");
+  EXPECT_THAT(talk.say("$#\n"), HasSubstr("[G54:10.000,-5.000,-400.000,0.000,0.000,0.000]\n[G55:0.000,0.000,0.000"));
+  EXPECT_EQ(talk.say("$Q\n"), "error:3\n");
+}
+
+TEST(Conversation, ABadLineLatches) {
+  Talk talk;
+  EXPECT_EQ(talk.burst({"G21", "G90", "bad", "G0 X1", "G0 X2", "G0 X3"}),
+            "ok\nok\nerror:2\nerror:2\nerror:2\nerror:2\n");
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 0) << "nothing after it was executed";
+  EXPECT_EQ(talk.say("\r\n"), "ok\n") << "an empty line clears the latch";
+  EXPECT_EQ(talk.say("G0 X1\n"), "ok\n");
+  EXPECT_EQ(talk.burst({"G1 X1", "G0 X2"}), "error:22\nerror:22\n");
+  EXPECT_THAT(talk.say("$G\n"), HasSubstr("ok\n")) << "so does a $ command";
+  EXPECT_EQ(talk.say("G0 X2\n"), "ok\n");
+  EXPECT_EQ(talk.say("G43 H1\n"), "error:20\n");
+  EXPECT_THAT(talk.say("\x18"), HasSubstr("GrblHAL")) << "and a reset";
+  EXPECT_EQ(talk.say("G1 X1 F100 G1 X2\n"), "error:24\n");
+}
+
+TEST(Conversation, LinesTooLong) {
+  Talk talk;
+  EXPECT_EQ(talk.say("G0 X1 (" + std::string(300, 'x') + ")\n"), "error:11\n");
+  EXPECT_EQ(talk.say("\n"), "ok\n");
+  // In pieces, with the beginning taken out of the buffer before the end comes.
+  for (int i = 0; i < 30; ++i) EXPECT_EQ(talk.say("(" + std::string(98, 'x') + ")"), "");
+  EXPECT_EQ(talk.say("\n"), "error:11\n");
+  EXPECT_EQ(talk.say("\nG0 X1\n"), "ok\nok\n");
+}
+
+TEST(Conversation, ToolChangeIsAcknowledgedAtOnceAndWaits) {
+  Talk talk;
+  EXPECT_EQ(talk.burst({"T3 M6", "G0 X1"}), "ok\n");
+  EXPECT_THAT(talk.say("?"), StartsWith("<Tool|"));
+  EXPECT_EQ(talk.machine.result().tool, 0);
+  EXPECT_EQ(talk.say("~"), "ok\n");
+  EXPECT_EQ(talk.machine.result().tool, 3);
+  EXPECT_THAT(talk.say("?"), StartsWith("<Idle|MPos:11.000"));
+}
+
+TEST(Conversation, PauseIsAcknowledgedWhenItEnds) {
+  Talk talk;
+  EXPECT_EQ(talk.burst({"G0 X1", "M0", "G0 X2"}), "ok\n");
+  EXPECT_THAT(talk.say("?"), StartsWith("<Hold:0|MPos:11.000"));
+  EXPECT_EQ(talk.say("~"), "ok\nok\n");
+  EXPECT_EQ(talk.say("M1\n"), "ok\n") << "the switch for optional stops is off";
+  EXPECT_EQ(talk.say("M30\n"), "[MSG:Pgm End]\nok\n");
+}
+
+TEST(Conversation, AnUnknownToolIsAnAlarm) {
+  Talk talk;
+  EXPECT_THAT(talk.say("T7 M6\n"), StartsWith("ALARM:3\n"));
+  EXPECT_EQ(talk.say("G0 X1\n"), "");
+  EXPECT_EQ(talk.machine.result().faults.at(0).kind, "alarm");
+  EXPECT_THAT(talk.machine.result().faults.at(0).message, HasSubstr("tool 7 is not in the magazine"));
+}
+
+TEST(Conversation, HoldKeepsLinesAndPosition) {
+  Talk talk;
+  EXPECT_EQ(talk.say("!G0 X1\n"), "");
+  EXPECT_THAT(talk.say("?"), AllOf(StartsWith("<Hold:0|"), HasSubstr("Bf:100,1017")));
+  EXPECT_EQ(talk.say("~"), "ok\n");
+  EXPECT_EQ(talk.say("!"), "");
+  const std::string restart = talk.say("\x18");
+  EXPECT_THAT(restart, HasSubstr("GrblHAL"));
+  EXPECT_THAT(restart, testing::Not(HasSubstr("ALARM")));
+  EXPECT_THAT(talk.say("?"), StartsWith("<Idle|MPos:11.000"));
+}
+
+TEST(Conversation, Door) {
+  Talk talk;
+  EXPECT_EQ(talk.say("\x84"), "[MSG:Check Door]\n");
+  EXPECT_THAT(talk.say("?"), StartsWith("<Door:0|"));
+  EXPECT_EQ(talk.say("G0 X1\n"), "");
+  EXPECT_EQ(talk.say("~"), "ok\n");
+}
+
+TEST(Conversation, ResetWhileMovingLosesThePosition) {
+  SimulationOptions options = test::no_stock();
+  options.time_factor = 1;
+  Talk talk(options);
+  EXPECT_EQ(talk.say("G1 X100 F60\n"), "ok\n");
+  EXPECT_THAT(talk.say("?"), AllOf(StartsWith("<Run|"), HasSubstr("Bf:99,1023")));
+  EXPECT_THAT(talk.say("\x18"),
+              AllOf(StartsWith("ALARM:3\n"), HasSubstr("GrblHAL"), HasSubstr("[MSG:'$H'|'$X' to unlock]")));
+  EXPECT_EQ(talk.say("G0 X1\n"), "error:9\n");
+  EXPECT_EQ(talk.say("$X\n"), "[MSG:Caution: Unlocked]\nok\n");
+  EXPECT_EQ(talk.say("G0 X1\n"), "ok\n");
+}
+
+TEST(Conversation, SoftLimitIsDeafUntilReset) {
+  Talk talk;
+  EXPECT_EQ(talk.burst({"G0 X100", "G0 X251", "G0 X0"}), "ok\nALARM:2\n[MSG:Reset to continue]\n");
+  const Fault fault = talk.machine.result().faults.at(0);
+  EXPECT_EQ(fault.kind, "limit");
+  EXPECT_EQ(fault.line, 2);
+  EXPECT_NEAR(fault.amount_mm, 1, 1e-9);
+  EXPECT_THAT(fault.message, HasSubstr("X would pass its limit 260 mm by 1 mm"));
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 110) << "it has not moved";
+  EXPECT_EQ(talk.say("$X\nG0 X0\n"), "");
+  EXPECT_THAT(talk.say("?"), StartsWith("<Alarm|"));
+  EXPECT_THAT(talk.say("\x18"), HasSubstr("to unlock"));
+  EXPECT_EQ(talk.burst({"G0 X1", "$X", "G0 X1"}), "error:9\n[MSG:Caution: Unlocked]\nok\nok\n");
+}
+
+TEST(Conversation, CheckModeMovesNothing) {
+  Talk talk;
+  EXPECT_EQ(talk.say("$C\n"), "[MSG:Enabled]\nok\n");
+  EXPECT_THAT(talk.say("?"), StartsWith("<Check|"));
+  EXPECT_EQ(talk.burst({"G0 X100", "G1 X2 F100", "T3 M6", "bad"}), "ok\nok\nok\nerror:2\n");
+  EXPECT_THAT(talk.say("$C\n"), AllOf(HasSubstr("[MSG:Disabled]"), HasSubstr("GrblHAL")));
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 0);
+  EXPECT_EQ(talk.machine.result().lines, 0);
+}
+
+// --- The receive buffer ---
+
+TEST(ReceiveBuffer, HoldsOneByteLessThanItsSizeAndLosesTheRest) {
+  MachineModel model = test::skew_machine();
+  model.receive_buffer_bytes = 64;
+  Talk talk(test::no_stock(), model);
+  // Seven lines of nine bytes fit into 63 bytes; a blind sender's eighth does not.
+  std::string burst;
+  for (int i = 0; i < 8; ++i) burst += "G0 X1" + std::to_string(i) + ".5\n";
+  talk.machine.receive(burst);
+  EXPECT_EQ(talk.machine.result().highest_buffer_fill, 63);
+  EXPECT_EQ(talk.machine.result().overflowed_bytes, 9);
+  EXPECT_EQ(talk.say(""), "ok\nok\nok\nok\nok\nok\nok\n");
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 26.5);
+  EXPECT_EQ(talk.machine.result().faults.at(0).kind, "overflow");
+}
+
+TEST(ReceiveBuffer, RealTimeBytesPassAFullBuffer) {
+  Talk talk;
+  talk.machine.receive("!" + std::string(5000, '\n'));
+  EXPECT_THAT(talk.say("?"), HasSubstr("Bf:100,0|"));
+}
+
+// Whatever the pieces in which the bytes come, the lines are the same.
+RC_GTEST_PROP(ReceiveBuffer, LinesComeWholeAndInOrder, ()) {
+  std::string text;
+  const int count = *rc::gen::inRange(1, 200);
+  for (int i = 0; i < count; ++i)
+    text += "G0 X" + std::to_string(*rc::gen::inRange(-200, 200)) + (i % 3 ? "\n" : "\r\n");
+  SimulatedMachine machine(test::skew_machine(), test::skew_setup(), test::no_stock());
+  long expected_line = 1;
+  machine.on_motion = [&](const Motion& motion, const std::vector<SweptMove>&) {
+    RC_ASSERT(motion.line == expected_line++);
+  };
+  std::string_view rest = text;
+  while (!rest.empty()) {
+    const auto size = std::min<std::size_t>(static_cast<std::size_t>(*rc::gen::inRange(1, 300)), rest.size());
+    machine.receive(rest.substr(0, size));
+    rest.remove_prefix(size);
+    while (machine.work(3) > 0) {
+    }
+  }
+  RC_ASSERT(machine.result().received_digest == program_digest(text));
+  RC_ASSERT(machine.result().lines == count);
+  RC_ASSERT(machine.result().overflowed_bytes == 0);
+}
+
+RC_GTEST_PROP(SimulatedMachineFuzz, AnyBytes, (const std::string& bytes)) {
+  SimulatedMachine machine(test::skew_machine(), test::skew_setup(), test::no_stock());
+  machine.start();
+  for (int i = 0; i < 5; ++i) {
+    machine.receive(bytes);
+    machine.receive("\n~\n");
+    machine.work(100);
+  }
+  machine.take_replies();
+}
+
+// --- The digest ---
+
+TEST(LineDigest, KnowsLostDoubledAndSwappedLines) {
+  const std::string good = program_digest("G0 X1\nG0 X2\nG0 X3\n");
+  EXPECT_EQ(program_digest("G0 X1\r\n\n  G0 X2\nG0 X3"), good) << "blank lines and line ends do not count";
+  for (const char* bad : {"G0 X1\nG0 X3\n", "G0 X1\nG0 X2\nG0 X2\nG0 X3\n", "G0 X2\nG0 X1\nG0 X3\n",
+                          "G0 X1\nG0 X2G0 X3\n", "G0 X1\nG0 X2\nG0 X4\n"}) {
+    EXPECT_NE(program_digest(bad), good) << bad;
+  }
+  // FNV-1a of "a", 64 bits, from its authors' list of test vectors is af63dc4c8601ec8c; ours goes on with the line
+  // feed.
+  std::uint64_t state = (0xaf63dc4c8601ec8cULL ^ '\n') * 1099511628211ULL;
+  char text[17];
+  std::snprintf(text, sizeof text, "%016lx", static_cast<unsigned long>(state));
+  EXPECT_EQ(program_digest("a"), text);
+}
+
+TEST(LineDigest, RefusedLinesDoNotCount) {
+  Talk talk;
+  talk.burst({"G0 X1", "bad", "G0 X2", "", "G0 X3"});
+  EXPECT_EQ(talk.machine.result().received_digest, program_digest("G0 X1\nG0 X3\n"));
+}
+
+// --- The machine ---
+
+TEST(Machine, CutterFollowsTheProgramInTheWorkpieceFrame) {
+  Talk talk;
+  std::vector<SweptMove> moves;
+  std::vector<Motion> motions;
+  talk.machine.on_motion = [&](const Motion& motion, const std::vector<SweptMove>& pieces) {
+    motions.push_back(motion);
+    moves.insert(moves.end(), pieces.begin(), pieces.end());
+  };
+  talk.burst({"T3 M6"});
+  talk.say("~");
+  EXPECT_EQ(talk.burst({"G43.1 Z85", "S36000 M3", "G4 P8", "G53 G0 Z0", "G0 X3 Y4", "G0 Z20", "G1 Z12 F480"}),
+            "ok\nok\nok\nok\nok\nok\nok\n");
+  ASSERT_EQ(moves.size(), 4U);
+  EXPECT_LT((moves.back().to.tip_mm - Vec3(3, 4, 12)).norm(), 1e-12);
+  EXPECT_TRUE(moves.back().spindle_on);
+  EXPECT_FALSE(moves.back().rapid);
+  EXPECT_EQ(moves.back().line, 8);
+  EXPECT_EQ(motions.back().tool, 3);
+  EXPECT_EQ(motions.back().spindle_rpm, 36000);
+  EXPECT_DOUBLE_EQ(motions.back().seconds, 1);
+}
+
+// The text believes 85 mm, the spindle holds another length: the tip is off by the difference.
+TEST(Machine, TheToolInTheSpindleIsTheTruth) {
+  OperatorSetup setup = test::skew_setup();
+  setup.cutters[1].length_mm = 84.9;
+  SimulatedMachine machine(test::skew_machine(), setup, test::no_stock());
+  Vec3 tip = Vec3::Zero();
+  machine.on_motion = [&](const Motion&, const std::vector<SweptMove>& pieces) { tip = pieces.back().to.tip_mm; };
+  machine.receive("T3 M6\n");
+  machine.work(1);
+  machine.receive("~G43.1 Z85\nG0 X0 Y0 Z20\n");
+  machine.work(10);
+  EXPECT_NEAR(tip.z(), 20.1, 1e-12);
+}
+
+// Only the operator's offset is set; the program's mistake moves the cut by the whole offset.
+TEST(Machine, ASwappedOffsetIsNoSmallMatter) {
+  Talk talk;
+  Vec3 tip = Vec3::Zero();
+  talk.machine.on_motion = [&](const Motion&, const std::vector<SweptMove>& pieces) { tip = pieces.back().to.tip_mm; };
+  talk.burst({"T3 M6"});
+  talk.say("~");
+  talk.burst({"G43.1 Z85", "G54 G0 X0 Y0"});
+  EXPECT_NEAR(tip.x(), 0, 1e-12);
+  talk.burst({"G55 G0 X0 Y0"});
+  EXPECT_NEAR(tip.x(), -10, 1e-12);
+}
+
+TEST(Machine, SpindleCutsOnlyAtSpeedAndClockwise) {
+  Talk talk;
+  bool on = false;
+  talk.machine.on_motion = [&](const Motion& motion, const std::vector<SweptMove>&) { on = motion.spindle_on; };
+  talk.burst({"F1000", "S20000 M3", "G1 X1"});
+  EXPECT_FALSE(on) << "it takes 8 s to its speed";
+  talk.burst({"G4 P8", "G1 X2"});
+  EXPECT_TRUE(on);
+  talk.burst({"M5", "G1 X3"});
+  EXPECT_FALSE(on);
+  talk.burst({"M4", "G4 P9", "G1 X4"});
+  EXPECT_FALSE(on) << "cutters are right-handed";
+}
+
+TEST(Machine, TimeIsFeedsLimitsAndDwells) {
+  Talk talk;
+  // Position to begin with is X 0, Y 0, Z 0 in the machine.
+  talk.say("G53 G0 X60 Y10\n");  // X: 60 mm at 600 mm/s
+  EXPECT_NEAR(talk.machine.result().machine_seconds, 0.1, 1e-12);
+  talk.say("G4 P2.5\n");
+  EXPECT_NEAR(talk.machine.result().machine_seconds, 2.6, 1e-12);
+  talk.say("G53 G1 X120 F1200\n");  // 60 mm at 20 mm/s
+  EXPECT_NEAR(talk.machine.result().machine_seconds, 5.6, 1e-12);
+  talk.say("G53 G1 X0 F99999\n");  // 120 mm, limited to 600 mm/s
+  EXPECT_NEAR(talk.machine.result().machine_seconds, 5.8, 1e-12);
+  talk.say("G93 G1 C90 F6000\n");  // 10 ms wanted, the table needs pi/2 / 25
+  EXPECT_NEAR(talk.machine.result().machine_seconds, 5.8 + kPi / 2 / 25, 1e-12);
+}
+
+TEST(Machine, LimitsHoldInsideArcsToo) {
+  Talk talk;
+  // Ends are inside Y's 130 mm, the arc between them is not.
+  EXPECT_EQ(talk.burst({"G55 G0 X-50 Y100"}), "ok\n");
+  EXPECT_THAT(talk.burst({"G2 X50 Y100 I50 J0 F1000"}), StartsWith("ALARM:2"));
+  EXPECT_THAT(talk.machine.result().faults.at(0).message, HasSubstr("Y would pass its limit 130 mm"));
+  EXPECT_NEAR(talk.machine.result().joints.y_mm, 100, 1e-12);
+}
+
+TEST(Machine, RotaryLimits) {
+  Talk talk;
+  EXPECT_EQ(talk.say("G0 B110 C99999\n"), "ok\n") << "C is endless";
+  EXPECT_THAT(talk.say("G0 B-110.01\n"), StartsWith("ALARM:2"));
+  EXPECT_THAT(talk.machine.result().faults.at(0).message, HasSubstr("B would pass its limit -110 deg by 0.01 deg"));
+}
+
+TEST(Machine, FaultsNameTheProgram) {
+  Talk talk;
+  talk.machine.begin_program("10_rough.nc");
+  talk.burst({"G0 X1", "G0 X2"});
+  talk.machine.begin_program("20_finish.nc");
+  talk.burst({"G0 X3", "G0 X9999"});
+  const Fault fault = talk.machine.result().faults.at(0);
+  EXPECT_EQ(fault.program, "20_finish.nc");
+  EXPECT_EQ(fault.line, 2);
+}
+
+TEST(Machine, RealTimePace) {
+  SimulationOptions options = test::no_stock();
+  options.time_factor = 20;
+  Talk talk(options);
+  // One second of motion in 50 ms; the planner takes all lines at once, M5 waits for their end.
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_EQ(talk.burst({"G1 X5 F600", "X10", "M5"}), "ok\nok\n");
+  std::string late;
+  while (late.empty()) late = talk.say("");
+  EXPECT_EQ(late, "ok\n");
+  EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(49));
+}
+
+TEST(Machine, PlannerIsBounded) {
+  SimulationOptions options = test::no_stock();
+  options.time_factor = 1;
+  MachineModel model = test::skew_machine();
+  model.planner_blocks = 5;
+  Talk talk(options, model);
+  std::vector<std::string> lines;
+  for (int i = 0; i < 9; ++i) lines.push_back("G1 X" + std::to_string(i + 1) + " F60");
+  EXPECT_EQ(talk.burst(lines), "ok\nok\nok\nok\nok\n");
+  EXPECT_THAT(talk.say("?"), AllOf(StartsWith("<Run|"), HasSubstr("Bf:0,")));
+}
+
+// --- Planted faults ---
+
+TEST(PlantedFaults, EachDoesWhatItSays) {
+  const auto options = [](auto&& plant) {
+    SimulationOptions o = test::no_stock();
+    plant(o.planted);
+    return o;
+  };
+  const std::vector<std::string> lines = {"G0 X1", "G0 X2", "G0 X3"};
+  {
+    Talk talk(options([](PlantedFaults& p) { p.drop_ok_at = 2; }));
+    EXPECT_EQ(talk.burst(lines), "ok\nok\n");
+    EXPECT_EQ(talk.machine.result().lines, 3);
+  }
+  {
+    Talk talk(options([](PlantedFaults& p) { p.error_at_line = 2; }));
+    EXPECT_EQ(talk.burst(lines), "ok\nerror:2\nerror:2\n");
+    EXPECT_EQ(talk.machine.result().joints.x_mm, 11);
+  }
+  {
+    Talk talk(options([](PlantedFaults& p) { p.drop_line_at = 2; }));
+    EXPECT_EQ(talk.burst(lines), "ok\nok\n");
+    EXPECT_EQ(talk.machine.result().lines, 2);
+  }
+  {
+    Talk talk(options([](PlantedFaults& p) { p.garble_byte_at = 5; }));
+    EXPECT_EQ(talk.burst(lines), "ok\nok\nok\n") << "a digit became another: silent";
+    EXPECT_NE(talk.machine.result().received_digest, program_digest("G0 X1\nG0 X2\nG0 X3\n"));
+  }
+  {
+    Talk talk(options([](PlantedFaults& p) { p.alarm_at_line = 2; }));
+    EXPECT_THAT(talk.burst(lines), StartsWith("ok\nALARM:1\n"));
+  }
+  {
+    Talk talk(options([](PlantedFaults& p) { p.reset_at_line = 2; }));
+    EXPECT_THAT(talk.burst(lines), AllOf(StartsWith("ok\n\nGrblHAL")));
+  }
+  {
+    Talk talk(options([](PlantedFaults& p) { p.hang_up_at_line = 2; }));
+    EXPECT_EQ(talk.burst(lines), "ok\n");
+    EXPECT_TRUE(talk.machine.dead());
+  }
+}
+
+}  // namespace
+}  // namespace lightmill

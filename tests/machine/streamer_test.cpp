@@ -1,0 +1,409 @@
+#include "machine/streamer.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+#include <random>
+
+#include "design/core/text.h"
+#include "machine/detail/interpreter.h"
+#include "machine/detail/sent_text.h"
+#include "machine/program_lines.h"
+#include "machine_rig.h"
+
+namespace lightmill {
+namespace {
+
+using std::chrono::milliseconds;
+using testing::AllOf;
+using testing::HasSubstr;
+
+StreamOptions quick() {
+  StreamOptions options;
+  options.reply_timeout = milliseconds(150);
+  options.settle_time = milliseconds(20);
+  options.on_operator = [](const std::string&) { return true; };
+  return options;
+}
+
+/// A zigzag of `count` feed lines between a header and a footer, lines of all lengths.
+std::string zigzag(long count, unsigned seed = 1) {
+  std::mt19937 random(seed);
+  std::string text =
+      "%\nG21 G90 G94 G17 G40 G49 G54\nT3 M6\nG43.1 Z85\nS36000 M3\nG4 P8\nG53 G0 Z0\nG0 X0 Y0\nG0 Z30\n";
+  for (long i = 0; i < count; ++i) {
+    const int decimals = static_cast<int>(random() % 6);
+    text += "G1 X" + fixed(static_cast<double>(random() % 10000) * 0.002 - 10, decimals) + " Y" +
+            fixed(static_cast<double>(i % 1000) * 0.01 - 5, decimals) + " F3000";
+    if (random() % 8 == 0) text += " (" + std::string(random() % 60, 'c') + ")";
+    text += "\n";
+  }
+  return text + "G53 G0 Z0\nM5\nM2\n%\n";
+}
+
+struct Outcome {
+  StreamResult stream;
+  SimulationResult machine;
+};
+
+Outcome stream(const std::string& program, const SimulationOptions& simulation = test::no_stock(),
+               const StreamOptions& options = quick(), const MachineModel& model = test::skew_machine()) {
+  test::MachineRig rig(simulation, model);
+  rig.serve_in_thread();
+  Outcome outcome;
+  {
+    const auto connection = rig.connect();
+    outcome.stream = stream_program(*connection, program, options);
+  }
+  rig.stop();
+  outcome.machine = rig.machine.result();
+  return outcome;
+}
+
+TEST(Streamer, EveryLineOnceAndInOrder) {
+  const std::string program = zigzag(20000);
+  const Outcome outcome = stream(program);
+  EXPECT_EQ(outcome.stream.end, StreamEnd::kDone) << outcome.stream.message;
+  EXPECT_EQ(outcome.stream.lines_acknowledged, outcome.stream.lines_total);
+  EXPECT_EQ(outcome.stream.receive_buffer_bytes, 1024);
+  EXPECT_LE(outcome.stream.highest_buffer_fill, 1023);
+  EXPECT_GT(outcome.stream.highest_buffer_fill, 900) << "the buffer is to be kept full";
+  EXPECT_EQ(outcome.machine.received_digest, program_digest(program));
+  EXPECT_EQ(outcome.machine.overflowed_bytes, 0);
+  EXPECT_TRUE(outcome.machine.faults.empty());
+}
+
+// Any buffer, any lines: the buffer is never over, the text arrives once.
+RC_GTEST_PROP(StreamerProperty, NeverOverflowsAnyBuffer, ()) {
+  MachineModel model = test::skew_machine();
+  model.receive_buffer_bytes = *rc::gen::inRange(100, 2000);
+  const std::string program = zigzag(*rc::gen::inRange(0, 400), *rc::gen::arbitrary<unsigned>());
+  StreamOptions options = quick();
+  options.settle_time = milliseconds(2);
+  options.audit_every_lines = *rc::gen::inRange(1, 200);
+  const Outcome outcome = stream(program, test::no_stock(), options, model);
+  RC_ASSERT(outcome.stream.done());
+  RC_ASSERT(outcome.machine.overflowed_bytes == 0);
+  RC_ASSERT(outcome.machine.highest_buffer_fill < model.receive_buffer_bytes);
+  RC_ASSERT(outcome.stream.highest_buffer_fill < model.receive_buffer_bytes);
+  RC_ASSERT(outcome.machine.received_digest == program_digest(program));
+}
+
+TEST(Streamer, ABlindSenderDoesOverflow) {
+  test::MachineRig rig;
+  const auto connection = rig.connect();
+  const std::string text = zigzag(200);
+  const std::size_t sent = connection->write_some(text, milliseconds(100));
+  rig.serve_in_thread();
+  std::this_thread::sleep_for(milliseconds(100));
+  rig.stop();
+  EXPECT_GT(sent, 1024U);
+  EXPECT_GT(rig.machine.result().overflowed_bytes, 0);
+}
+
+TEST(Streamer, SurvivesADroppedAcknowledgement) {
+  const std::string program = zigzag(3000);
+  for (const long at : {4L, 15L, 1500L, 3013L}) {
+    SimulationOptions simulation = test::no_stock();
+    simulation.planted.drop_ok_at = at;
+    const Outcome outcome = stream(program, simulation);
+    EXPECT_EQ(outcome.stream.end, StreamEnd::kDone) << at << ": " << outcome.stream.message;
+    EXPECT_EQ(outcome.stream.recovered_acknowledgements, 1) << at;
+    EXPECT_THAT(outcome.stream.message, AllOf(HasSubstr("1 acknowledgement got lost"), HasSubstr("between lines")));
+    EXPECT_EQ(outcome.machine.received_digest, program_digest(program)) << "no line lost, none doubled";
+  }
+}
+
+TEST(Streamer, ALostLineIsNotTakenForALostAcknowledgement) {
+  // The last motion before an audit is lost on the wire: the machine stands elsewhere.
+  std::string program = "G21 G90\nG1 F3000 X0 Y0\n";
+  for (int i = 1; i <= 50; ++i) program += "G1 X" + std::to_string(i) + " Y" + std::to_string(i % 7) + "\n";
+  SimulationOptions simulation = test::no_stock();
+  simulation.planted.drop_line_at = 52;
+  const Outcome outcome = stream(program, simulation);
+  EXPECT_EQ(outcome.stream.end, StreamEnd::kLostAcknowledgement);
+  EXPECT_THAT(outcome.stream.message, HasSubstr("it does not stand where line 52 ends"));
+}
+
+TEST(Streamer, ALostHeaderLineShowsInTheModes) {
+  SimulationOptions simulation = test::no_stock();
+  simulation.planted.drop_line_at = 3;  // G55: the machine would cut elsewhere
+  const Outcome outcome = stream("G21 G90\nG0 X1 Y1\nG55\nG0 X2 Y2\n", simulation);
+  EXPECT_EQ(outcome.stream.end, StreamEnd::kLostAcknowledgement);
+  EXPECT_THAT(outcome.stream.message, HasSubstr("are not those of the program"));
+  EXPECT_EQ(outcome.machine.lines, 2);
+}
+
+TEST(Streamer, TwoMissingAcknowledgementsAreTooMany) {
+  SimulationOptions simulation = test::no_stock();
+  simulation.planted.drop_ok_at = 100;
+  simulation.planted.drop_line_at = 200;
+  const Outcome outcome = stream(zigzag(300), simulation);
+  EXPECT_EQ(outcome.stream.end, StreamEnd::kLostAcknowledgement);
+  EXPECT_THAT(outcome.stream.message, HasSubstr("more than one is missing"));
+}
+
+TEST(Streamer, StopsAtAControllerError) {
+  const std::string program = "\n\n" + zigzag(3000);
+  SimulationOptions simulation = test::no_stock();
+  simulation.planted.error_at_line = 1500;
+  const Outcome outcome = stream(program, simulation);
+  EXPECT_EQ(outcome.stream.end, StreamEnd::kControllerError);
+  EXPECT_EQ(outcome.stream.error_line, 1502) << "of the text, with its blank lines";
+  EXPECT_EQ(outcome.stream.lines_acknowledged, 1499);
+  EXPECT_EQ(outcome.machine.lines, 1499) << "the controller executed what it acknowledged and nothing else";
+  EXPECT_THAT(outcome.stream.message,
+              AllOf(HasSubstr("refused line 1502 with error:2"), HasSubstr("none of the lines after it"),
+                    HasSubstr("1499 of 3013 lines acknowledged")));
+  EXPECT_EQ(outcome.machine.overflowed_bytes, 0);
+}
+
+TEST(Streamer, ARealMistakeInTheTextIsNamed) {
+  const Outcome outcome = stream("G21 G90\nG1 X1\nG0 X5\n");
+  EXPECT_EQ(outcome.stream.end, StreamEnd::kControllerError);
+  EXPECT_EQ(outcome.stream.error_line, 2);
+  EXPECT_THAT(outcome.stream.message, HasSubstr("error:22: 'G1 X1'"));
+}
+
+TEST(Streamer, StopsAtAnAlarm) {
+  std::string program = "G21 G90\n";
+  for (int i = 0; i < 100; ++i) program += "G0 X" + std::to_string(i * 5) + "\n";
+  const Outcome outcome = stream(program);
+  EXPECT_EQ(outcome.stream.end, StreamEnd::kAlarm);
+  EXPECT_THAT(outcome.stream.message, HasSubstr("ALARM:2 at or before line 53"));
+  EXPECT_EQ(outcome.stream.error_line, 53) << "X 10 + 5 * 51 passes 260";
+  ASSERT_EQ(outcome.machine.faults.size(), 1U);
+  EXPECT_EQ(outcome.machine.faults[0].line, 53);
+}
+
+TEST(Streamer, NoticesARestart) {
+  SimulationOptions simulation = test::no_stock();
+  simulation.planted.reset_at_line = 700;
+  const Outcome outcome = stream(zigzag(3000), simulation);
+  EXPECT_EQ(outcome.stream.end, StreamEnd::kReset);
+  EXPECT_EQ(outcome.stream.lines_acknowledged, 699);
+  EXPECT_THAT(outcome.stream.message, HasSubstr("restarted"));
+}
+
+TEST(Streamer, SurvivesAHangUp) {
+  SimulationOptions simulation = test::no_stock();
+  simulation.planted.hang_up_at_line = 700;
+  const Outcome outcome = stream(zigzag(3000), simulation);
+  EXPECT_EQ(outcome.stream.end, StreamEnd::kHungUp);
+  EXPECT_LE(outcome.stream.lines_acknowledged, 699);
+  EXPECT_THAT(outcome.stream.message, AllOf(HasSubstr("hung up"), HasSubstr("goes on with what it has buffered"),
+                                            HasSubstr("may or may not be executed")));
+}
+
+// Every single garbled byte is either refused by the controller, noticed by the streamer, or shows in the digest.
+TEST(Streamer, NoGarbledByteGoesUnnoticed) {
+  const std::string program = zigzag(30);
+  const long greeting = 1 + 1 + 1 + 3;  // "?", reset, empty line... and then some
+  long silent = 0, refused = 0, other = 0;
+  for (long at = greeting + 5; at < static_cast<long>(program.size()); at += 61) {
+    SimulationOptions simulation = test::no_stock();
+    simulation.planted.garble_byte_at = at;
+    StreamOptions options = quick();
+    options.settle_time = milliseconds(3);
+    options.reply_timeout = milliseconds(30);
+    const Outcome outcome = stream(program, simulation, options);
+    if (outcome.stream.end == StreamEnd::kControllerError) {
+      ++refused;
+    } else if (!outcome.stream.done()) {
+      ++other;
+    } else {
+      ++silent;
+      EXPECT_NE(outcome.machine.received_digest, program_digest(program)) << "byte " << at;
+    }
+  }
+  EXPECT_GT(silent, 0) << "digits turn into digits: the digest is there for them";
+  EXPECT_GT(refused, 0);
+}
+
+TEST(Streamer, AsksTheOperator) {
+  std::vector<std::string> asked;
+  StreamOptions options = quick();
+  options.on_operator = [&](const std::string& what) {
+    asked.push_back(what);
+    return true;
+  };
+  const std::string program = "G21 G90\nT1 M6\nG0 X1\nM0 (turn the part)\nG0 X2\nM1\nT3 M6\nG0 X3\nM0\n";
+  const Outcome outcome = stream(program, test::no_stock(), options);
+  EXPECT_TRUE(outcome.stream.done()) << outcome.stream.message;
+  EXPECT_THAT(asked, testing::ElementsAre("tool change: T1 M6", "program pause: M0 (turn the part)",
+                                          "tool change: T3 M6", "program pause: M0"));
+  EXPECT_EQ(outcome.machine.tool, 3);
+  EXPECT_EQ(outcome.machine.received_digest, program_digest(program));
+
+  options.on_operator = nullptr;
+  const Outcome alone = stream(program, test::no_stock(), options);
+  EXPECT_EQ(alone.stream.end, StreamEnd::kStopped);
+  EXPECT_EQ(alone.machine.tool, 0);
+  EXPECT_EQ(alone.machine.lines, 2) << "nothing is sent past a tool change that nobody confirms";
+}
+
+TEST(Streamer, WaitsForASlowMachine) {
+  // 1.5 s of motion in real time, replies far apart: no acknowledgement is missed, the end is waited for.
+  SimulationOptions simulation = test::no_stock();
+  simulation.time_factor = 4;
+  MachineModel model = test::skew_machine();
+  model.planner_blocks = 3;
+  const std::string program = "G21 G90\nG1 X10 F600\nX20\nX30\nX40\nX50\nX60\nM5\n";
+  const auto start = std::chrono::steady_clock::now();
+  StreamOptions options = quick();
+  options.reply_timeout = milliseconds(60);
+  const Outcome outcome = stream(program, simulation, options, model);
+  EXPECT_TRUE(outcome.stream.done()) << outcome.stream.message;
+  EXPECT_EQ(outcome.stream.recovered_acknowledgements, 0);
+  EXPECT_GE(std::chrono::steady_clock::now() - start, milliseconds(1500));
+  EXPECT_EQ(outcome.machine.joints.x_mm, 70);
+}
+
+TEST(Streamer, APacedWireIsNoTrouble) {
+  SimulationOptions simulation = test::no_stock();
+  simulation.baud = 115200;
+  const std::string program = zigzag(200);
+  const Outcome outcome = stream(program, simulation);
+  EXPECT_TRUE(outcome.stream.done()) << outcome.stream.message;
+  EXPECT_EQ(outcome.machine.received_digest, program_digest(program));
+  EXPECT_GT(outcome.stream.seconds, static_cast<double>(program.size()) / 11520);
+}
+
+TEST(Streamer, StopsWhenTheUserWants) {
+  Monitor monitor;
+  double fraction = 0;
+  monitor.on_progress = [&](std::string_view, double f) { fraction = f; };
+  monitor.should_stop = [&] { return fraction > 0; };
+  SimulationOptions simulation = test::no_stock();
+  simulation.baud = 115200;
+  test::MachineRig rig(simulation);
+  rig.serve_in_thread();
+  const auto connection = rig.connect();
+  const StreamResult result = stream_program(*connection, zigzag(20000), quick(), monitor);
+  EXPECT_EQ(result.end, StreamEnd::kStopped);
+  EXPECT_LT(result.lines_sent, 20000);
+  char bytes[64];
+  connection->write_some(std::string("?"), milliseconds(100));
+  std::string answer;
+  while (answer.find('>') == std::string::npos) {
+    const std::size_t count = connection->read_some(bytes, milliseconds(500));
+    if (count == 0) break;
+    answer.append(bytes, count);
+  }
+  EXPECT_THAT(answer, HasSubstr("<Hold"));
+}
+
+TEST(Streamer, RefusesBeforehandWhatNoControllerTakes) {
+  test::MachineRig rig;
+  rig.serve_in_thread();
+  const auto connection = rig.connect();
+  const auto complaint = [&](const std::string& program) -> std::string {
+    try {
+      stream_program(*connection, program, quick());
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_THAT(complaint("G21\n\n" + std::string(257, 'x')), AllOf(HasSubstr("line 3"), HasSubstr("257 characters")));
+  EXPECT_THAT(complaint("G21\n(really?)\n"), AllOf(HasSubstr("line 2"), HasSubstr("'?'")));
+  EXPECT_THAT(complaint("(fl\xc3\xa4"
+                        "che)\n"),
+              HasSubstr("byte above 127"));
+  EXPECT_THAT(complaint("G21\n$H\n"), HasSubstr("controller command"));
+  rig.stop();
+  EXPECT_EQ(rig.machine.result().received_bytes, 0) << "nothing was sent";
+}
+
+TEST(Streamer, NobodyThereIsAnIoError) {
+  const PseudoTerminal silent{std::filesystem::path()};
+  const auto connection = open_serial(silent.far_end(), 115200);
+  EXPECT_THROW(stream_program(*connection, "G21\n", quick()), IoError);
+}
+
+TEST(Streamer, ALockedControllerIsAnIoError) {
+  test::MachineRig rig;
+  rig.serve_in_thread();
+  const auto connection = rig.connect();
+  EXPECT_EQ(stream_program(*connection, "G0 X9999\n", quick()).end, StreamEnd::kAlarm);
+  try {
+    stream_program(*connection, "G0 X1\n", quick());
+    FAIL();
+  } catch (const IoError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("$X"));
+  }
+}
+
+TEST(Streamer, OneProgramAfterAnother) {
+  test::MachineRig rig;
+  rig.serve_in_thread();
+  const std::string first = zigzag(100), second = zigzag(200, 7);
+  for (const std::string& program : {first, second}) {
+    const auto connection = rig.connect();
+    EXPECT_TRUE(stream_program(*connection, program, quick()).done());
+  }
+  rig.stop();
+  EXPECT_EQ(rig.machine.result().received_digest, program_digest(first + second));
+}
+
+TEST(Streamer, JournalHasEveryLine) {
+  std::vector<std::string> journal;
+  StreamOptions options = quick();
+  options.on_traffic = [&](const std::string& line) { journal.push_back(line); };
+  const std::string program = zigzag(50);
+  stream(program, test::no_stock(), options);
+  std::string sent;
+  for (const std::string& line : journal) {
+    if (line.starts_with("> ") && line.size() > 3 && line != "> <reset>" && line != "> $I")
+      sent += line.substr(2) + "\n";
+    if (line == "> %") sent += "%\n";
+  }
+  EXPECT_EQ(program_digest(sent), program_digest(program));
+}
+
+TEST(StatusReport, IsRead) {
+  StatusReport report;
+  ASSERT_TRUE(parse_status(
+      "<Hold:0|MPos:13.476,0.000,-1.500,0.000,2.000,0.000|Bf:99,1023|FS:1000,0|Ov:100,100,100|WCO:1,2,3,0,0,0>",
+      report));
+  EXPECT_EQ(report.state, "Hold");
+  EXPECT_EQ(report.machine_position[2], -1.5);
+  EXPECT_EQ(report.free_blocks, 99);
+  EXPECT_EQ(report.free_bytes, 1023);
+  EXPECT_EQ(report.work_offset[1], 2);
+  for (const char* bad : {"", "<>", "ok", "<Idle|MPos:1,x>", "<Idle|Bf:1>", "<Idle"})
+    EXPECT_FALSE(parse_status(bad, report)) << bad;
+}
+
+RC_GTEST_PROP(StatusReportFuzz, AnyBytes, (const std::string& text)) {
+  StatusReport report;
+  parse_status(text, report);
+  parse_status("<" + text + ">", report);
+  detail::words_of(text);
+  detail::ProgrammedState state;
+  state.read(text);
+  int compared = 0;
+  state.agrees_modes("[GC:" + text, compared);
+}
+
+// Two lines whose line feed gets lost must be an error to the controller, or not be under way together.
+RC_GTEST_PROP(MergedLines, AreErrorsUnlessSaidToBePossible, ()) {
+  const auto line = [] {
+    std::string text;
+    if (*rc::gen::inRange(0, 3) == 0) text += "G" + std::to_string(*rc::gen::inRange(0, 2));
+    for (const char letter : {'X', 'Y', 'Z', 'F'}) {
+      if (*rc::gen::inRange(0, 2))
+        text += letter + std::to_string(*rc::gen::inRange(1, 90)) + (*rc::gen::inRange(0, 2) ? ".5" : "");
+    }
+    return text.empty() ? std::string("M5") : text;
+  };
+  const std::string first = line(), second = line();
+  if (detail::may_merge(detail::words_of(first), detail::words_of(second))) return;
+  detail::Interpreter interpreter(test::skew_machine());
+  RC_ASSERT(interpreter.execute("G1 F100") == 0);
+  RC_ASSERT(interpreter.execute(first + second) != 0);
+}
+
+}  // namespace
+}  // namespace lightmill
