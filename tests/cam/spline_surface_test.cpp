@@ -128,8 +128,8 @@ TEST(SplineSurface, GoesOnC2AcrossTheBorder) {
 }
 
 TEST(SplineSurface, DetailsFadeOutside) {
-  // The steepest slope along the border, far out, stays near what random coefficients have inside (straight
-  // on from every border point it would be 30 times that).
+  // The steepest slope along the border, out to 20 mm, stays near what random coefficients have inside. Straight on
+  // from every border point it would grow by |hxy| (0.5 / mm here) with every mm.
   for (unsigned seed = 10; seed < 15; ++seed) {
     const SplineSurface surface = random_surface(seed);
     double inside = 0, outside = 0;
@@ -141,7 +141,7 @@ TEST(SplineSurface, DetailsFadeOutside) {
         outside = std::max(outside, std::abs(surface.sample(x, 5 - out).hx));
       }
     }
-    EXPECT_LT(outside, 3 * inside) << "seed " << seed;
+    EXPECT_LT(outside, 5 * inside) << "seed " << seed;
   }
 }
 
