@@ -12,6 +12,9 @@ namespace lightmill {
 
 namespace {
 
+/// Pitch of the closing: its fillets have the ball's curvature, so that bilinear interpolation is at most
+/// pitch^2 / 8 R high, 0.16 um at R 2 mm.
+constexpr double kClosingPitch_mm = 0.05;
 /// Cusps are counted in bins for their percentile.
 constexpr double kCuspBin_um = 0.001;
 constexpr int kCuspBins = 100000;
@@ -23,6 +26,17 @@ struct Measures {
 };
 
 }  // namespace
+
+Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface& design, const DeviationOptions& options,
+                            const Monitor& monitor) {
+  if (!(options.finishing_ball_radius_mm > 0)) {
+    throw InputError("finishing_ball_radius_mm must be above 0, not " + compact(options.finishing_ball_radius_mm, 4));
+  }
+  const ReachableSurface reachable =
+      reachable_surface(design, options.finishing_ball_radius_mm, std::max(machined.pitch_mm, kClosingPitch_mm),
+                        monitor.part(0, 0.6));
+  return measure_deviation(machined, design, reachable, options, monitor.part(0.6, 1));
+}
 
 Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface& design, const ReachableSurface& reachable,
                             const DeviationOptions& options, const Monitor& monitor) {

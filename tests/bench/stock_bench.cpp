@@ -3,9 +3,10 @@
 #include <sys/resource.h>
 
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <cmath>
+#include <filesystem>
 
 #include "machine/dry_run.h"
 #include "machine/stock_model.h"
@@ -119,7 +120,9 @@ void rough(StockModel& model) {
       double low = z;
       for (double x = -half; x <= half; x += 0.5) {
         double stands = 0;
-        for (double a = 0; a < 6.28; a += 0.5) stands = std::max(stands, lens(x + 5 * std::cos(a), y + 5 * std::sin(a)) + 0.3);
+        for (double r = 0; r <= 5; r += 1.25) {
+          for (double a = 0; a < 6.28; a += 0.5) stands = std::max(stands, lens(x + r * std::cos(a), y + r * std::sin(a)) + 0.3);
+        }
         low = std::max(z, stands);
         feeder.go({{x, y, low}, Vec3::UnitZ()});
       }
@@ -155,6 +158,15 @@ int main(int argc, char** argv) {
   }
   std::printf("peaks to %.3f um above, nodes to %.3f um below the lens; removed %.1f mm3\n", highest * 1000, lowest * 1000,
               surface.removed_mm3);
+  {
+    const Clock writing{"write"};
+    const auto path = std::filesystem::temp_directory_path() / "stock_bench_machined.tif";
+    write_machined(path, surface);
+    writing.stop(0, 0);
+    for (const char* name : {"stock_bench_machined.tif", "stock_bench_machined_peaks.tif", "stock_bench_machined.json"}) {
+      std::filesystem::remove(std::filesystem::temp_directory_path() / name);
+    }
+  }
   for (const double sigma : {50.0, 100.0}) {
     const Clock clock{"polish"};
     const Grid<float> polished = polish(surface.heights_mm, pitch, sigma);

@@ -1,0 +1,246 @@
+#include "machine/dry_run.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "design/core/errors.h"
+#include "design/core/parallel.h"
+
+namespace lightmill {
+namespace {
+
+/// A spline that follows f: coefficients f - span^2 f'' / 6 reproduce cubics, the rest is of fourth order in the span.
+template <typename F>
+SplineSurface spline_of(const Box2& extent, int spans_x, int spans_y, F&& f) {
+  Grid<double> coefficients(spans_x + 3, spans_y + 3);
+  const double px = extent.size().x() / spans_x;
+  const double py = extent.size().y() / spans_y;
+  for (int j = 0; j < spans_y + 3; ++j) {
+    for (int i = 0; i < spans_x + 3; ++i) {
+      const double x = extent.min.x() + (i - 1) * px;
+      const double y = extent.min.y() + (j - 1) * py;
+      const double f0 = f(x, y);
+      const double xx = f(x + px, y) - 2 * f0 + f(x - px, y);
+      const double yy = f(x, y + py) - 2 * f0 + f(x, y - py);
+      coefficients.at(i, j) = f0 - xx / 6 - yy / 6;
+    }
+  }
+  return {extent, spans_x, spans_y, coefficients};
+}
+
+MachinedSurface exactly(const SplineSurface& design, const Box2& extent, double pitch) {
+  MachinedSurface surface;
+  surface.extent = extent;
+  surface.pitch_mm = pitch;
+  const int width = static_cast<int>(std::lround(extent.size().x() / pitch)) + 1;
+  const int height = static_cast<int>(std::lround(extent.size().y() / pitch)) + 1;
+  surface.heights_mm = Grid<float>(width, height);
+  for (int j = 0; j < height; ++j) {
+    for (int i = 0; i < width; ++i) {
+      surface.heights_mm.at(i, j) =
+          static_cast<float>(design.height(extent.min.x() + pitch * i, extent.min.y() + pitch * j));
+    }
+  }
+  surface.peaks_mm = surface.heights_mm;
+  return surface;
+}
+
+TEST(Deviation, FindsAGougeAndACuspWithPlaceAndSize) {
+  const Box2 extent{{-4, -2.5}, {4, 2.5}};
+  const SplineSurface design =
+      spline_of(extent, 80, 50, [](double x, double y) { return 9 + 0.3 * std::sin(0.5 * x) * std::cos(0.4 * y + 0.2); });
+  MachinedSurface machined = exactly(design, extent, 0.05);
+  Deviation deviation = measure_deviation(machined, design, {});
+  EXPECT_LT(deviation.max_gouge_um, 0.02) << "nothing but float heights";
+  EXPECT_LT(deviation.max_cusp_um, 0.02);
+  EXPECT_EQ(deviation.gouged_area_mm2, 0);
+  EXPECT_EQ(deviation.unreachable_area_mm2, 0);
+
+  // 12.5 um too deep over 3 nodes, a ridge of 2.25 um of which the node itself sees only 1.5, and 1 um over 5 % of the part.
+  for (int i = 30; i < 33; ++i) {
+    machined.heights_mm.at(i, 20) -= i == 31 ? 0.0125F : 0.004F;
+    machined.peaks_mm.at(i, 20) = machined.heights_mm.at(i, 20);
+  }
+  machined.heights_mm.at(110, 77) += 0.0015F;
+  machined.peaks_mm.at(110, 77) += 0.00225F;
+  for (int j = 40; j < 46; ++j) {
+    for (int i = 0; i < machined.heights_mm.width; ++i) machined.peaks_mm.at(i, j) += 0.001F;
+  }
+  deviation = measure_deviation(machined, design, {});
+  EXPECT_NEAR(deviation.max_gouge_um, 12.5, 0.02);
+  EXPECT_NEAR((deviation.gouge_place_mm - Vec2(-4 + 31 * 0.05, -2.5 + 20 * 0.05)).norm(), 0, 1e-9);
+  EXPECT_NEAR(deviation.gouged_area_mm2, 3 * 0.05 * 0.05, 1e-9);
+  EXPECT_NEAR(deviation.max_cusp_um, 2.25, 0.02);
+  EXPECT_NEAR((deviation.cusp_place_mm - Vec2(-4 + 110 * 0.05, -2.5 + 77 * 0.05)).norm(), 0, 1e-9);
+  EXPECT_NEAR(deviation.p99_cusp_um, 1, 0.02);
+  EXPECT_EQ(deviation.residue_um, 0);
+  EXPECT_NEAR(deviation.deviation_um.at(31, 20), -12.5, 0.02);
+  EXPECT_NEAR(deviation.deviation_um.at(110, 77), 1.5, 0.02);
+
+  // A rim that holds both is left out of the measures, not of the map.
+  DeviationOptions inner;
+  inner.border_mm = 1.2;
+  const Deviation within = measure_deviation(machined, design, inner);
+  EXPECT_LT(within.max_gouge_um, 0.02);
+  EXPECT_NEAR(within.max_cusp_um, 1, 0.02);
+  EXPECT_EQ(within.deviation_um.values, deviation.deviation_um.values);
+}
+
+TEST(Deviation, JudgesAConcaveCreaseByWhatTheBallCanReach) {
+  // A valley of slopes -+0.2 along y: the ball (R 2) leaves an arc of R tan(half the angle) 0.392 to both sides, 39.6 um high.
+  const double slope = 0.2;
+  const double r = 2;
+  const Box2 extent{{-3, -1}, {3, 1}};
+  const SplineSurface design = spline_of(extent, 240, 80, [&](double x, double) { return 5 + slope * std::abs(x); });
+  const double reach = r * slope / std::sqrt(1 + slope * slope);
+  MachinedSurface machined = exactly(design, extent, 0.02);
+  for (int j = 0; j < machined.heights_mm.height; ++j) {
+    for (int i = 0; i < machined.heights_mm.width; ++i) {
+      const double x = -3 + 0.02 * i;
+      if (std::abs(x) < reach) {
+        machined.heights_mm.at(i, j) = static_cast<float>(5 + r * std::sqrt(1 + slope * slope) - std::sqrt(r * r - x * x));
+      }
+    }
+  }
+  machined.peaks_mm = machined.heights_mm;
+  Deviation deviation = measure_deviation(machined, design, {});
+  EXPECT_LT(deviation.max_gouge_um, 0.5);
+  EXPECT_LT(deviation.max_cusp_um, 0.15) << "the arc is residue, not cusp";
+  EXPECT_NEAR(deviation.residue_um, r * (std::sqrt(1 + slope * slope) - 1) * 1000 - design.height(0, 0) * 1000 + 5000, 0.3);
+  EXPECT_NEAR(deviation.unreachable_area_mm2, 2 * 2 * reach, 0.15 * 2 * 2 * reach);
+  // Cut below the arc, yet above the design: a gouge by the reachable surface all the same.
+  const int i = 150;
+  machined.heights_mm.at(i, 33) -= 0.003F;
+  deviation = measure_deviation(machined, design, {});
+  EXPECT_NEAR(deviation.max_gouge_um, 3, 0.5);
+  EXPECT_NEAR(deviation.gouge_place_mm.x(), 0, 1e-9);
+  // Material left in the arc is residue, outside of it a cusp.
+  machined.peaks_mm.at(i, 40) += 0.005F;
+  machined.peaks_mm.at(250, 60) += 0.0017F;
+  deviation = measure_deviation(machined, design, {});
+  EXPECT_NEAR(deviation.max_cusp_um, 1.7, 0.05);
+  EXPECT_GT(deviation.residue_um, 39);
+}
+
+TEST(Deviation, OfAMilledCylinderIsItsScallops) {
+  // Ball passes along y at equal angles over a convex cylinder of radius 30 whose axis lies along y.
+  const double big = 30;
+  const double r = 2;
+  const double angle = 0.14 / big;
+  const auto height = [&](double x, double) { return 8 - big + std::sqrt(big * big - x * x); };
+  const Box2 extent{{-3, -1}, {3, 1}};
+  const SplineSurface design = spline_of(extent, 120, 40, height);
+  StockModel model({{6, 2}, 9}, {0.02, 0});
+  Cutter ball;
+  ball.diameter_mm = 2 * r;
+  ball.corner_radius_mm = r;
+  ball.flute_length_mm = 8;
+  ball.shank_diameter_mm = 4;
+  ball.length_mm = 50;
+  model.set_cutter(ball);
+  const Vec3 axis = Vec3(0.2, 0.4, 1).normalized();
+  SweptMove move;
+  move.spindle_on = true;
+  for (int k = -40; k <= 40; ++k) {
+    const double t = (k + 0.37) * angle;
+    const Vec3 centre(std::sin(t) * (big + r), 0, 8 - big + std::cos(t) * (big + r));
+    move.from = {centre - r * axis + Vec3(0, -4, 0), axis};
+    move.to = {centre - r * axis + Vec3(0, 4, 0), axis};
+    move.line = k;
+    model.move(move);
+  }
+  model.flush();
+  EXPECT_TRUE(model.faults().empty());
+  const Deviation deviation = measure_deviation(model.surface(), design, {});
+  // Between two centres at distance big + r the ridge stands this high along the cylinder's normal; vertically 1 / cosine.
+  const double half_chord = (big + r) * std::sin(angle / 2);
+  const double cusp = (big + r) * std::cos(angle / 2) - std::sqrt(r * r - half_chord * half_chord) - big;
+  EXPECT_NEAR(deviation.max_cusp_um, cusp * 1000 / std::cos(3.0 / big), 0.02);
+  EXPECT_NEAR(deviation.p99_cusp_um, cusp * 1000, 0.01 * cusp * 1000);
+  EXPECT_LT(deviation.max_gouge_um, 0.02);
+  EXPECT_EQ(deviation.unreachable_area_mm2, 0);
+}
+
+TEST(Deviation, StopsWhenAskedAndDoesNotDependOnThreads) {
+  const Box2 extent{{-2, -1.5}, {2, 1.5}};
+  const SplineSurface design = spline_of(extent, 20, 15, [](double x, double y) { return 5 + 0.1 * x * y; });
+  const MachinedSurface machined = exactly(design, extent, 0.05);
+  Monitor stopping;
+  stopping.should_stop = [] { return true; };
+  EXPECT_THROW(measure_deviation(machined, design, {}, stopping), Stopped);
+  set_thread_count(1);
+  const Deviation one = measure_deviation(machined, design, {});
+  set_thread_count(3);
+  const Deviation three = measure_deviation(machined, design, {});
+  set_thread_count(0);
+  EXPECT_EQ(one.deviation_um.values, three.deviation_um.values);
+  EXPECT_EQ(one.p99_cusp_um, three.p99_cusp_um);
+  EXPECT_THROW(measure_deviation(machined, design, DeviationOptions{0, 1, 0}), InputError);
+}
+
+TEST(Polish, DampsACosineByTheGaussiansTransform) {
+  // Cosines that are even about both ends are eigenfunctions of any symmetric filter with mirrored borders.
+  const int width = 241;
+  const int height = 161;
+  const double pitch = 0.02;
+  for (const double sigma_um : {25.0, 50.0, 100.0}) {
+    for (const auto& [m, n] : {std::pair(12, 7), std::pair(40, 0), std::pair(3, 30)}) {
+      Grid<float> heights(width, height);
+      for (int j = 0; j < height; ++j) {
+        for (int i = 0; i < width; ++i) {
+          heights.at(i, j) = static_cast<float>(std::cos(kPi * m * i / (width - 1)) * std::cos(kPi * n * j / (height - 1)));
+        }
+      }
+      const Grid<float> polished = polish(heights, pitch, sigma_um);
+      const double kx = kPi * m / ((width - 1) * pitch);
+      const double ky = kPi * n / ((height - 1) * pitch);
+      const double sigma = sigma_um / 1000;
+      const double damping = std::exp(-(kx * kx + ky * ky) * sigma * sigma / 2);
+      for (std::size_t k = 0; k < heights.values.size(); ++k) {
+        ASSERT_NEAR(polished.values[k], damping * heights.values[k], 4e-7) << sigma_um << " " << m << " " << n;
+      }
+    }
+  }
+}
+
+TEST(Polish, KeepsConstantsAndVolumeAndComposes) {
+  Grid<float> heights(90, 70, 12.5F);
+  for (const float value : polish(heights, 0.02, 100).values) EXPECT_NEAR(value, 12.5F, 1e-6);
+  EXPECT_EQ(polish(heights, 0.02, 0).values, heights.values);
+  std::mt19937 random(11);
+  std::uniform_real_distribution<float> any(0, 1);
+  for (float& value : heights.values) value = any(random);
+  // Two polishes are one of the root of the sum of squares; narrow grids are mirrored more than once.
+  for (const double scale : {1.0, 8.0}) {
+    const Grid<float> twice = polish(polish(heights, 0.02, 30 * scale), 0.02, 40 * scale);
+    const Grid<float> once = polish(heights, 0.02, 50 * scale);
+    for (std::size_t k = 0; k < once.values.size(); ++k) ASSERT_NEAR(twice.values[k], once.values[k], 2e-6);
+  }
+  set_thread_count(1);
+  const Grid<float> one = polish(heights, 0.02, 70);
+  set_thread_count(0);
+  EXPECT_EQ(one.values, polish(heights, 0.02, 70).values);
+  EXPECT_THROW(polish(heights, 0.02, -1), InputError);
+  EXPECT_THROW(polish(heights, 0, 1), InputError);
+}
+
+TEST(DeviationPicture, IsWhiteAtZeroRedAboveBlueBelowAndTopRowFirst) {
+  Grid<float> deviation(6, 4, 0.0F);
+  for (int i = 0; i < 6; ++i) deviation.at(i, 0) = -5;  // smallest y
+  deviation.at(5, 3) = 40;
+  const ColourPicture picture = deviation_picture(deviation, 5, 100);
+  EXPECT_EQ(picture.red.at(2, 1), 1);
+  EXPECT_EQ(picture.blue.at(2, 1), 1);
+  EXPECT_GT(picture.blue.at(3, 3), 5 * picture.red.at(3, 3));
+  EXPECT_GT(picture.red.at(5, 0), 5 * picture.blue.at(5, 0));
+  const Grid<float> small = thinned(deviation, 3);
+  EXPECT_EQ(small.width, 3);
+  EXPECT_EQ(small.height, 2);
+  EXPECT_FLOAT_EQ(small.at(0, 0), -2.5);
+  EXPECT_FLOAT_EQ(small.at(2, 1), 10);
+}
+
+}  // namespace
+}  // namespace lightmill
