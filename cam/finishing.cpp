@@ -49,8 +49,8 @@ void check(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
 /// The passes between which the whole lens lies: their balls touch it at or beyond its border.
 std::pair<double, double> pass_range(const SplineSurface& surface, double radius_mm) {
   const Box2& extent = surface.extent();
-  double from = extent.min.y();
-  double to = extent.max.y();
+  double from = std::numeric_limits<double>::infinity();
+  double to = -from;
   const int steps = 8 * surface.spans_x();
   for (int i = 0; i <= steps; ++i) {
     const double x = extent.min.x() + extent.size().x() * i / steps;

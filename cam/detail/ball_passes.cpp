@@ -10,7 +10,10 @@ namespace lightmill::detail {
 
 namespace {
 
-constexpr double kReachableMm = 1e-4;    ///< closing above the surface by less: reachable
+constexpr double kReachableMm = 1.1e-4;  ///< closing above the surface by less (0.1 um and a little): reachable
+constexpr double kJumpMm = 2e-4;         ///< of the centre in y, while the contact still moves far: it jumps
+constexpr double kIntoJumpMm = 0.01;     ///< steps into the unreachable from its border
+constexpr double kStationMm = 0.015;     ///< stations nearer than this are one
 constexpr double kLeastOfFlat = 0.25;    ///< a march never takes smaller steps than this share of the flat stepover
 constexpr double kMostOfFlat = 2.0;
 constexpr double kInfillLeastOfFlat = 1.0 / 16;
@@ -34,7 +37,8 @@ double squared_distance(const PathPoint& a, const PathPoint& b, double x, double
   return ex * ex + ez * ez;
 }
 
-/// Distance from q to a path, by walking downhill from the segment after vertex `hint` (looking two segments ahead).
+/// Distance from q to a path, by walking downhill from the segment after vertex `hint`, looking a little ahead because of
+/// kinks. Should a nearer place lie behind a hill, the answer is too large, never too small.
 double distance(const CentrePath& path, std::size_t hint, const Vec3& q) {
   const auto& points = path.points;
   const int last = static_cast<int>(points.size()) - 2;
@@ -42,14 +46,15 @@ double distance(const CentrePath& path, std::size_t hint, const Vec3& q) {
   const int start = std::clamp(static_cast<int>(hint), 0, last);
   double best = at(start);
   for (const int direction : {1, -1}) {
-    int worse = 0;
-    for (int k = start + direction; k >= 0 && k <= last && worse < 2; k += direction) {
+    constexpr double kAheadMm = 0.1;
+    double from_x = points[start].x;
+    for (int k = start + direction; k >= 0 && k <= last; k += direction) {
       const double d = at(k);
       if (d < best) {
         best = d;
-        worse = 0;
-      } else {
-        ++worse;
+        from_x = points[k].x;
+      } else if (std::abs(points[k].x - from_x) > kAheadMm) {
+        break;
       }
     }
   }
@@ -69,7 +74,11 @@ struct Station {
 class Spacer {
  public:
   Spacer(const BallContact& ball, const SpacingOptions& options)
-      : ball_(ball), options_(options), flat_(flat_stepover_mm(options.cutting_radius_mm, options.cusp_mm)) {}
+      : ball_(ball), options_(options), flat_(flat_stepover_mm(options.cutting_radius_mm, options.cusp_mm)) {
+    wanted_ = ball.surface().extent();
+    wanted_.min -= Vec2::Constant(2 * flat_);
+    wanted_.max += Vec2::Constant(2 * flat_);
+  }
 
   [[nodiscard]] double flat() const { return flat_; }
 
@@ -145,70 +154,133 @@ class Spacer {
     return left;
   }
 
-  [[nodiscard]] bool reachable(const Vec3& q, const CentrePath& a, const CentrePath& b) const {
-    // The ball that touches q, or comes nearest, is between or close to the two paths.
-    const auto s = ball_.surface().sample(q.x(), q.y());
-    const double w = ball_.radius_mm() / std::sqrt(1 + s.hx * s.hx + s.hy * s.hy);
-    const Vec2 touching(q.x() - s.hx * w, std::clamp(q.y() - s.hy * w, a.y, b.y));
-    return closing_gap_mm(ball_, q, touching, 0.5 * (b.y - a.y), kReachableMm) <= kReachableMm;
-  }
+  /// Highest cusp between two paths at x, by following the contact as the ball goes from one to the other. Everything it
+  /// touches is reachable. Where it jumps, a ball rests on two flanks at once, and what is between is reachable only so far as
+  /// that ball leaves less than 0.1 um there.
+  class Follower {
+   public:
+    Follower(const Spacer& spacer, const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j, double x)
+        : spacer_(spacer), a_(a), b_(b), i_(i), j_(j), x_(x), close_mm_(0.3 * (b.y - a.y)) {}
 
-  /// Stations at the vertices of `a` within [from_x, to_x]; `a` and `b` may be of different lengths.
+    double highest(const Vec2& pa, const Vec2& pb) {
+      consider(pa);
+      consider(pb);
+      follow(a_.y, pa, b_.y, pb);
+      return highest_;
+    }
+
+   private:
+    void consider(const Vec2& p) {
+      if (spacer_.wanted_.contains(p)) highest_ = std::max(highest_, spacer_.left_at(a_, i_, b_, j_, p).cusp());
+    }
+
+    void follow(double y1, const Vec2& p1, double y2, const Vec2& p2) {
+      const double width = (p2 - p1).norm();
+      if (width <= close_mm_) return;
+      const double y = (y1 + y2) / 2;
+      const Contact middle = spacer_.ball_.at(x_, y);
+      if (y2 - y1 > kJumpMm) {
+        consider(middle.point);
+        follow(y1, p1, y, middle.point);
+        follow(y, middle.point, y2, p2);
+        return;
+      }
+      const Vec3 centre(x_, y, middle.z);
+      for (const int from_first : {1, 0}) {
+        for (double t = kIntoJumpMm; t < width; t += kIntoJumpMm) {
+          const Vec2 p = from_first ? Vec2(p1 + (p2 - p1) * (t / width)) : Vec2(p2 + (p1 - p2) * (t / width));
+          const Vec3 q(p.x(), p.y(), spacer_.ball_.surface().height(p.x(), p.y()));
+          if ((centre - q).norm() - spacer_.ball_.radius_mm() > kReachableMm) break;
+          consider(p);
+        }
+      }
+    }
+
+    const Spacer& spacer_;
+    const CentrePath& a_;
+    const CentrePath& b_;
+    std::size_t i_, j_;
+    double x_;
+    double close_mm_;
+    double highest_ = 0;
+  };
+
+  /// Stations at the vertices of both paths within [from_x, to_x]; `a` and `b` may be of different lengths.
   [[nodiscard]] std::vector<Station> leftover(const CentrePath& a, const CentrePath& b, double from_x, double to_x) const {
-    const Box2& extent = ball_.surface().extent();
     const double spacing = b.y - a.y;
     const double low = std::max({from_x, a.points.front().x, b.points.front().x});
     const double high = std::min({to_x, a.points.back().x, b.points.back().x});
+    std::vector<double> xs;
+    std::size_t i = 0, j = 0;
+    while (i < a.points.size() || j < b.points.size()) {
+      double x;
+      if (j >= b.points.size() || (i < a.points.size() && a.points[i].x <= b.points[j].x)) x = a.points[i++].x;
+      else x = b.points[j++].x;
+      if (x >= low && x <= high && (xs.empty() || x - xs.back() > kStationMm)) xs.push_back(x);
+    }
+    // Where the ball touches from each path; where a contact goes far between stations, more of them.
+    struct Touch {
+      double x;
+      std::size_t i, j;
+      Vec2 pa, pb;
+    };
+    std::vector<Touch> touches;
+    i = j = 0;
+    const auto follow = [](const CentrePath& path, double x, std::size_t& at) {
+      while (at + 1 < path.points.size() && std::abs(path.points[at + 1].x - x) <= std::abs(path.points[at].x - x)) ++at;
+    };
+    const auto touch_at = [&](double x, bool exact) {
+      follow(a, x, i);
+      follow(b, x, j);
+      Touch t{x, i, j, a.points[i].contact, b.points[j].contact};
+      if (exact && a.points[i].x != x) t.pa = ball_.at(x, a.y).point;
+      if (exact && b.points[j].x != x) t.pb = ball_.at(x, b.y).point;
+      return t;
+    };
+    const double fine = 0.07 * flat_;
+    for (const double x : xs) {
+      Touch next = touch_at(x, false);
+      if (!touches.empty() && x - touches.back().x > fine) {
+        const Touch last = touches.back();
+        const double dx = x - last.x;
+        const double far = 2 * dx + 0.5 * spacing;
+        if ((next.pa - last.pa).norm() > far || (next.pb - last.pb).norm() > far || (next.pb - next.pa).norm() > 2.2 * spacing ||
+            (last.pb - last.pa).norm() > 2.2 * spacing) {
+          i = last.i;
+          j = last.j;
+          const int pieces = static_cast<int>(std::ceil(dx / fine));
+          for (int m = 1; m < pieces; ++m) touches.push_back(touch_at(last.x + dx * m / pieces, true));
+          next = touch_at(x, false);
+        }
+      }
+      touches.push_back(next);
+    }
     std::vector<Station> stations;
-    std::size_t j = 0;
-    for (std::size_t i = 0; i < a.points.size(); ++i) {
-      const PathPoint& pa = a.points[i];
-      if (pa.x < low || pa.x > high) continue;
-      while (j + 1 < b.points.size() && std::abs(b.points[j + 1].x - pa.x) <= std::abs(b.points[j].x - pa.x)) ++j;
-      const PathPoint& pb = b.points[j];
-      const Vec2 chord = pb.contact - pa.contact;
+    for (std::size_t k = 0; k < touches.size(); ++k) {
+      const Touch& t = touches[k];
+      const Vec2 chord = t.pb - t.pa;
       Station station;
-      station.x = pa.x;
-      station.length = ((i + 1 < a.points.size() ? a.points[i + 1].x : pa.x) - (i > 0 ? a.points[i - 1].x : pa.x)) / 2;
+      station.x = t.x;
+      station.length = (touches[std::min(k + 1, touches.size() - 1)].x - touches[k > 0 ? k - 1 : 0].x) / 2;
       station.width = chord.norm();
       station.jump = station.width > 2.2 * spacing;
+      // Half-way, then where both paths leave the same (each leftover grows with the square of the way).
       if (!station.jump) {
-        // Half-way, then where both paths leave the same (each leftover grows with the square of the way).
-        const Vec2 half = pa.contact + chord / 2;
-        const Left left = left_at(a, i, b, j, half);
-        if (extent.contains(half)) consider(station, left, a, b);
+        const Vec2 half = t.pa + chord / 2;
+        const Left left = left_at(a, t.i, b, t.j, half);
         const double ra = std::sqrt(std::max(left.a, 1e-9));
         const double rb = std::sqrt(std::max(left.b, 1e-9));
-        const Vec2 even = pa.contact + chord * (rb / (ra + rb));
-        if (extent.contains(even)) consider(station, left_at(a, i, b, j, even), a, b);
-      } else {
-        // From either flank inwards, until no ball reaches.
-        const int steps = std::clamp(static_cast<int>(std::ceil(station.width / (0.25 * spacing))), 4, 200);
-        bool open = true;
-        for (int k = 0; k <= steps && open; ++k) {
-          const Vec2 p = pa.contact + chord * (static_cast<double>(k) / steps);
-          if (extent.contains(p)) open = consider(station, left_at(a, i, b, j, p), a, b);
-        }
-        if (!open) {
-          open = true;
-          for (int k = steps; k >= 0 && open; --k) {
-            const Vec2 p = pa.contact + chord * (static_cast<double>(k) / steps);
-            if (extent.contains(p)) open = consider(station, left_at(a, i, b, j, p), a, b);
-          }
-        }
+        const Vec2 even = t.pa + chord * (rb / (ra + rb));
+        if (wanted_.contains(half)) station.cusp = std::max(station.cusp, left.cusp());
+        if (wanted_.contains(even)) station.cusp = std::max(station.cusp, left_at(a, t.i, b, t.j, even).cusp());
+      }
+      // A wide way may hold places that no ball reaches.
+      if (station.jump || (station.cusp > options_.cusp_mm && station.width > 1.3 * spacing)) {
+        station.cusp = Follower(*this, a, t.i, b, t.j, t.x).highest(t.pa, t.pb);
       }
       stations.push_back(station);
     }
     return stations;
-  }
-
-  /// Takes a place into account if it is reachable; false if not.
-  bool consider(Station& station, const Left& left, const CentrePath& a, const CentrePath& b) const {
-    const double cusp = left.cusp();
-    if (cusp <= station.cusp) return true;
-    if (cusp > options_.cusp_mm && !reachable(left.on_surface, a, b)) return false;
-    station.cusp = cusp;
-    return true;
   }
 
   /// The spacing with the least path per area: every station is content, or the discontent get infill.
@@ -290,6 +362,7 @@ class Spacer {
   const BallContact& ball_;
   const SpacingOptions& options_;
   double flat_;
+  Box2 wanted_;  // the lens and what is just beyond its border, so that the last point on it is looked at from both sides
 };
 
 }  // namespace
@@ -326,33 +399,6 @@ CentrePath centre_path(const BallContact& ball, double y, double from_x, double 
     path.points.push_back(next);
   }
   return path;
-}
-
-double closing_gap_mm(const BallContact& ball, const Vec3& q, const Vec2& start, double step_mm, double enough_mm) {
-  const auto gap = [&](const Vec2& c) {
-    return (Vec3(c.x(), c.y(), ball.at(c.x(), c.y()).z) - q).norm() - ball.radius_mm();
-  };
-  Vec2 best_place = start;
-  double best = gap(start);
-  constexpr double kLeastStepMm = 1e-3;
-  constexpr double kDiagonal = 0.70710678118654752;
-  static const Vec2 kDirections[8] = {{0, 1},  {0, -1}, {1, 0}, {-1, 0}, {kDiagonal, kDiagonal}, {-kDiagonal, kDiagonal},
-                                      {kDiagonal, -kDiagonal}, {-kDiagonal, -kDiagonal}};
-  for (double step = step_mm; step > kLeastStepMm && best > enough_mm; step /= 2) {
-    for (int repeat = 0; repeat < 8; ++repeat) {
-      const Vec2 from = best_place;
-      for (const Vec2& direction : kDirections) {
-        const Vec2 place = from + direction * step;
-        const double g = gap(place);
-        if (g < best) {
-          best = g;
-          best_place = place;
-        }
-      }
-      if (best_place == from || best <= enough_mm) break;
-    }
-  }
-  return best;
 }
 
 SpacedPasses space_passes(const BallContact& ball, const SpacingOptions& options, const Monitor& monitor) {

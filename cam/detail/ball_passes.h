@@ -57,8 +57,4 @@ SpacedPasses space_passes(const BallContact& ball, const SpacingOptions& options
 /// Stepover on a plane along the passes, from the cusp: s = 2 sqrt(h (2 R - h)).
 double flat_stepover_mm(double radius_mm, double cusp_mm);
 
-/// How far the nearest ball of the dilation stays from surface point q: the closing above the surface, along the normal.
-/// Stops early once below `enough_mm`. The search starts at the centre `start` with steps of `step_mm`.
-double closing_gap_mm(const BallContact& ball, const Vec3& q, const Vec2& start, double step_mm, double enough_mm);
-
 }  // namespace lightmill::detail
