@@ -106,7 +106,7 @@ class Canvas {
 
 constexpr Colour kPaper{1, 1, 1};
 constexpr Colour kInk{0.15, 0.17, 0.20};
-constexpr int kScaleWidth = 130;  // pixels beside the picture: the bar and its figures
+constexpr int kScaleWidth = 150;  // pixels beside the picture: the bar and its figures
 
 /// A vertical bar with three figures, right of column `left`.
 template <typename ColourOf>

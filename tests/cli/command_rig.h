@@ -1,0 +1,116 @@
+// Runs the real lightmill binary in a folder that goes away, and looks at files as an outsider would.
+#pragma once
+
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace lightmill::test {
+
+namespace fs = std::filesystem;
+
+/// A folder of its own for one test.
+class ScratchFolder {
+ public:
+  ScratchFolder() {
+    std::string pattern = (fs::temp_directory_path() / "lightmill_cli_XXXXXX").string();
+    if (!mkdtemp(pattern.data())) std::abort();
+    root_ = pattern;
+  }
+  ~ScratchFolder() {
+    std::error_code error;
+    fs::remove_all(root_, error);
+  }
+  ScratchFolder(const ScratchFolder&) = delete;
+  ScratchFolder& operator=(const ScratchFolder&) = delete;
+  [[nodiscard]] fs::path operator/(const std::string& name) const { return root_ / name; }
+  [[nodiscard]] const fs::path& root() const { return root_; }
+
+ private:
+  fs::path root_;
+};
+
+inline std::string slurp(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return std::move(text).str();
+}
+
+inline void spill(const fs::path& path, const std::string& text) {
+  fs::create_directories(path.parent_path());
+  std::ofstream(path, std::ios::binary) << text;
+}
+
+inline std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  if (at == std::string::npos) throw std::runtime_error("the text has no '" + from + "'");
+  return text.replace(at, from.size(), to);
+}
+
+struct CommandResult {
+  int code = -1;
+  std::string out, err;
+};
+
+inline std::string quoted(const std::string& text) {
+  std::string result = "'";
+  for (const char c : text) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return result + "'";
+}
+
+inline CommandResult lightmill_command(const std::vector<std::string>& arguments) {
+  const ScratchFolder scratch;
+  std::string command = quoted(LIGHTMILL_BINARY);
+  for (const auto& argument : arguments) command += " " + quoted(argument);
+  command += " </dev/null >" + quoted((scratch / "out").string()) + " 2>" + quoted((scratch / "err").string());
+  const int status = std::system(command.c_str());
+  CommandResult result;
+  result.code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  result.out = slurp(scratch / "out");
+  result.err = slurp(scratch / "err");
+  return result;
+}
+
+/// Starts the binary without waiting; output goes to `log`.
+inline pid_t start_lightmill(const std::vector<std::string>& arguments, const fs::path& log) {
+  std::vector<std::string> all = {LIGHTMILL_BINARY};
+  all.insert(all.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (auto& argument : all) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  const pid_t child = fork();
+  if (child == 0) {
+    FILE* file = std::freopen(log.c_str(), "w", stderr);
+    if (file) dup2(fileno(file), STDOUT_FILENO);
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  return child;
+}
+
+inline int wait_for(pid_t child) {
+  int status = 0;
+  waitpid(child, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+inline fs::path fixture(const std::string& name) { return fs::path(LIGHTMILL_FIXTURES) / name; }
+
+/// The tiny job in a folder, with a line of it replaced.
+inline fs::path tiny_job(const ScratchFolder& folder, const std::string& from = "", const std::string& to = "") {
+  std::string text = replaced(slurp(fixture("jobs/tiny.toml")), "../pictures/tiny.png", fixture("pictures/tiny.png").string());
+  if (!from.empty()) text = replaced(text, from, to);
+  spill(folder / "tiny.toml", text);
+  return folder / "tiny.toml";
+}
+
+}  // namespace lightmill::test

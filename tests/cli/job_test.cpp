@@ -1,0 +1,127 @@
+#include "cli/job.h"
+
+#include <gmock/gmock.h>
+
+#include <clocale>
+
+#include "command_rig.h"
+#include "design/core/errors.h"
+
+namespace lightmill {
+namespace {
+
+using test::ScratchFolder;
+using test::spill;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+const std::string kPicture = "[target]\nimage = \"/a/portrait.png\"\n";
+
+std::string refusal(const std::string& toml) {
+  try {
+    read_job_text(toml, "job.toml", "/a");
+  } catch (const InputError& e) {
+    return e.what();
+  }
+  return "accepted";
+}
+
+TEST(Job, EveryDefaultIsTheContractsAndThePictureIsEnough) {
+  const Job job = read_job_text(kPicture, "portrait.toml", "/a");
+  EXPECT_EQ(job.name, "portrait");
+  EXPECT_EQ(job.lens.size_mm, Vec2(100, 100));
+  EXPECT_EQ(job.lens.thickness_mm, 10);
+  EXPECT_EQ(job.lens.refractive_index, 1.49);
+  EXPECT_EQ(job.receiver.distance_mm, 300);
+  EXPECT_EQ(job.receiver.viewed_from, ViewedFrom::kLens);
+  EXPECT_EQ(job.transport.samples, 65536);
+  EXPECT_EQ(job.surface.mesh, 321);
+  EXPECT_EQ(job.surface.weights.direction, 1e-4);
+  EXPECT_EQ(job.semi_finish.options.pass, "semi_finish");
+  EXPECT_EQ(job.finish.options.pass, "finish");
+  EXPECT_EQ(job.dry_run.cusp_limit_um, 1.5) << "what is promised for the planned 1.3 um";
+  EXPECT_FALSE(job.stock.height_mm.has_value());
+}
+
+TEST(Job, ResolvedJobReadsBackAsItself) {
+  const std::string toml =
+      "[job]\nname = \"tab\\tquote \\\" and \\\\\"\n" + kPicture +
+      "drawing = \"sig.svg\"\nsize_mm = [90, 61.7]\ncurve_flux = 0.13\nbackground = 0.07\ntransfer = \"linear\"\n"
+      "[lens]\nsize_mm = [80.1, 50.3]\nthickness_mm = 7.7\nrefractive_index = 1.523\n"
+      "[light]\nangular_diameter_deg = 0.53\n[receiver]\ndistance_mm = 217.3\nviewed_from = \"behind\"\n"
+      "[transport]\nsamples = 1234\nseed = 7\nl1_tolerance = 3e-5\n"
+      "[surface]\nmesh = 77\nheight_tolerance_um = 0.07\nweights = { flux = 0, smoothness = 3e-6 }\n"
+      "[stock]\nheight_mm = 21.3\nallowance_mm = 0.9\nmaterial = \"glass\"\n"
+      "[rough]\nallowance_mm = 0.41\nlink_feed_mm_per_min = 777\n[semi_finish]\ncusp_um = 7\n"
+      "[finish]\naxis = \"lead_tilt\"\ntilt_deg = 23\ntilt_direction_deg = 77\nchord_tolerance_um = 0.07\nfeed_per_tooth_mm = 0.017\n"
+      "[machine]\nworkpiece_origin_mm = [12, -7, 3.3]\nwork_offset = 57\n[controller]\ndecimals = 4\nblock_numbers = true\n"
+      "[dry_run]\npitch_um = 17\npolish_sigma_um = 0\ntime_factor = 2.5\n[stream]\nport = \"/dev/ttyACM0\"\nbaud = 9600\n";
+  const Job job = read_job_text(toml, "x.toml", "/a/b");
+  EXPECT_EQ(job.target.drawing, "/a/b/sig.svg") << "relative to the job file";
+  const std::string once = resolved_toml(job);
+  const Job again = read_job_text(once, "job.toml", "/elsewhere");
+  EXPECT_EQ(resolved_toml(again), once);
+  EXPECT_EQ(again.name, "tab\tquote \" and \\");
+  EXPECT_EQ(again.receiver.viewed_from, ViewedFrom::kBehind);
+  EXPECT_EQ(again.target.viewed_from, ViewedFrom::kBehind);
+  EXPECT_NEAR(again.finish.options.tilt_rad, 23 * kPi / 180, 1e-12);
+  EXPECT_NEAR(again.rough.options.link_feed_mm_per_s, 777 / 60.0, 1e-9);
+  EXPECT_NEAR(again.finish.cutter.feed_per_tooth_mm, 0.017, 1e-15);
+  EXPECT_EQ(again.stock.height_mm, 21.3);
+  EXPECT_EQ(again.machine.workpiece_origin_mm, Vec3(12, -7, 3.3));
+}
+
+TEST(Job, EveryResolvedValueIsExplicit) {
+  // A resolved job must not lean on a default that a later version may change: every line is read back.
+  const std::string resolved = resolved_toml(read_job_text(kPicture, "p.toml", "/a"));
+  for (const char* key : {"curve_flux", "refractive_index", "angular_diameter_deg", "viewed_from", "seed", "smoothness", "allowance_mm",
+                          "cutter", "cusp_um", "tilt_direction_deg", "work_offset", "decimals", "polish_sigma_um", "baud"}) {
+    EXPECT_THAT(resolved, HasSubstr(key));
+  }
+}
+
+TEST(Job, ADecimalCommaLocaleChangesNothing) {
+  const Job job = read_job_text(kPicture, "p.toml", "/a");
+  const std::string plain = resolved_toml(job);
+  const char* german = std::setlocale(LC_ALL, "de_DE.UTF-8");
+  const std::string there = resolved_toml(read_job_text(plain, "p.toml", "/a"));
+  std::setlocale(LC_ALL, "C");
+  EXPECT_EQ(there, plain) << (german ? "" : "(the locale is not installed: this proved little)");
+}
+
+TEST(Job, ErrorsNameLineKeyAndRule) {
+  EXPECT_THAT(refusal(kPicture + "[lens]\ntickness_mm = 3\n"), AllOf(HasSubstr("job.toml:4"), HasSubstr("lens.tickness_mm"), HasSubstr("thickness_mm")));
+  EXPECT_THAT(refusal(kPicture + "[lens]\nsize_mm = [100, -1]\n"), AllOf(HasSubstr("lens.size_mm"), HasSubstr("above 0")));
+  EXPECT_THAT(refusal(kPicture + "[lens]\nsize_mm = \"big\"\n"), HasSubstr("lens.size_mm"));
+  EXPECT_THAT(refusal(kPicture + "[surface]\nmesh = 32.5\n"), HasSubstr("surface.mesh"));
+  EXPECT_THAT(refusal(kPicture + "[surface.weights]\nflix = 1\n"), HasSubstr("surface.weights.flix"));
+  EXPECT_THAT(refusal("[lens]\n"), HasSubstr("target.image"));
+  EXPECT_THAT(refusal(kPicture + "[finish]\ncusp_um = 0\n"), HasSubstr("finish.cusp_um"));
+  EXPECT_THAT(refusal(kPicture + "[stock]\nheight_mm = \"tall\"\n"), HasSubstr("stock.height_mm"));
+  EXPECT_THAT(refusal(kPicture + "[rough]\nallowance_mm = 0.05\n"), HasSubstr("rough.allowance_mm"));
+  EXPECT_THAT(refusal(kPicture + "[lense]\n"), HasSubstr("lense"));
+}
+
+TEST(Job, WhatIsForeseenButNotThereSaysSo) {
+  const std::string soon = "not supported yet";
+  for (const char* section : {"[light]\nkind = \"point\"\n", "[light]\ndirection = [0, 0.1, 1]\n", "[light]\nprofile = \"gaussian\"\n",
+                              "[lens]\noutline = \"brain.svg\"\n", "[lens]\nbase = \"mesh\"\n", "[receiver]\ntilt_deg = [3, 0]\n",
+                              "[receiver]\nshift_mm = [0, 5]\n", "[controller]\ntcp = \"on\"\n", "[controller]\ndialect = \"heidenhain\"\n",
+                              "[finish]\nblur_mm = 0.3\n", "[finish]\nstrategy = \"zig_zag\"\n", "[dry_run]\nerror_model = \"x\"\n"}) {
+    EXPECT_THAT(refusal(kPicture + section), HasSubstr(soon)) << section;
+  }
+}
+
+TEST(Job, APictureIsAJob) {
+  const ScratchFolder folder;
+  spill(folder / "cat.PNG", "not read here");
+  EXPECT_EQ(read_job(folder / "cat.PNG").target.image, folder / "cat.PNG");
+  spill(folder / "ink.svg", "not read here");
+  const Job drawn = read_job(folder / "ink.svg");
+  EXPECT_EQ(drawn.target.drawing, folder / "ink.svg");
+  EXPECT_TRUE(drawn.target.image.empty());
+  EXPECT_THROW(read_job(folder / "absent.png"), InputError);
+}
+
+}  // namespace
+}  // namespace lightmill

@@ -1,0 +1,274 @@
+// The whole chain on the tiny job: contract of the run folder, resume, interruptions, and a dry run that is no echo.
+#include "cli/stages.h"
+
+#include <gmock/gmock.h>
+#include <signal.h>
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <thread>
+
+#include "command_rig.h"
+
+namespace lightmill {
+namespace fs = std::filesystem;
+namespace {
+
+using nlohmann::json;
+using test::CommandResult;
+using test::fixture;
+using test::lightmill_command;
+using test::replaced;
+using test::ScratchFolder;
+using test::slurp;
+using test::spill;
+using test::start_lightmill;
+using test::tiny_job;
+using test::wait_for;
+using ::testing::HasSubstr;
+
+const char* const kPrograms[] = {"program/10_rough.nc", "program/20_semi_finish.nc", "program/30_finish.nc"};
+
+json report_of(const fs::path& run) { return json::parse(slurp(run / "report.json")); }
+
+/// Every file under its final name is whole, told by how its kind ends.
+void expect_all_whole(const fs::path& run) {
+  if (!fs::exists(run)) return;
+  for (const auto& entry : fs::recursive_directory_iterator(run)) {
+    const std::string name = entry.path().filename().string();
+    // Not results: locks, partial files of the killed run, the simulated machine's link and log.
+    if (!entry.is_regular_file() || name.starts_with(".") || name == "machine.log") continue;
+    const std::string text = slurp(entry.path());
+    const std::string extension = entry.path().extension().string();
+    bool whole = false;
+    if (extension == ".json") {
+      whole = !json::parse(text, nullptr, false).is_discarded();
+    } else if (extension == ".png") {
+      whole = text.size() > 12 && text.compare(text.size() - 8, 4, "IEND") == 0;
+    } else if (extension == ".html") {
+      whole = text.ends_with("</html>\n");
+    } else if (extension == ".nc") {
+      whole = text.ends_with("M30\n") || text.ends_with("M2\n");
+    } else if (extension == ".step") {
+      whole = text.find("END-ISO-10303-21;") != std::string::npos;
+    } else if (extension == ".toml") {
+      whole = text.find("[stream]") != std::string::npos && text.ends_with("protocol = \"grblhal\"\n");
+    } else if (extension == ".npy") {
+      whole = text.size() > 128 && (text.size() - 10 - static_cast<unsigned char>(text[8])) % sizeof(double) == 0;
+    } else {
+      whole = !text.empty();  // .ply, .exr, .tif, .bin: the resumed run reads them
+    }
+    EXPECT_TRUE(whole) << entry.path() << ", " << text.size() << " bytes";
+  }
+}
+
+TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
+  const ScratchFolder scratch;
+  const std::string run = (scratch / "run").string();
+  const CommandResult made = lightmill_command({"make", tiny_job(scratch).string(), "-o", run});
+  ASSERT_EQ(made.code, 0) << made.err;
+  for (const char* name :
+       {"job.toml", "report.json", "report.html", "design/target.png", "design/surface.ply", "design/caustic.png", "design/caustic.exr",
+        "design/heights.png", "design/transport.npy", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "program/10_rough.nc",
+        "program/20_semi_finish.nc", "program/30_finish.nc", "dry_run/machined.tif", "dry_run/caustic_machined.png",
+        "dry_run/deviation.png", "dry_run/faults.json", "setup_sheet.html"}) {
+    EXPECT_TRUE(fs::exists(fs::path(run) / name)) << name;
+  }
+  expect_all_whole(run);
+  json report = report_of(run);
+  for (const char* pointer :
+       {"/design/transport/samples", "/design/transport/seconds", "/design/transport/iterations", "/design/transport/l1_mass_error",
+        "/design/transport/max_mass_error", "/design/transport/empty_cells", "/design/surface/vertices", "/design/surface/seconds",
+        "/design/surface/inverted_triangles", "/design/surface/height_range_mm", "/design/surface/min_concave_radius_mm",
+        "/design/caustic/l1_error", "/design/caustic/psnr_db", "/design/caustic/flux_outside_support", "/design/caustic/flux_totally_reflected",
+        "/cam/solid/volume_mm3", "/cam/solid/file_bytes", "/cam/solid/max_deviation_um", "/cam/solid/rms_deviation_um",
+        "/cam/solid/rms_normal_deviation_urad", "/cam/solid/seconds", "/cam/rough/length_mm", "/cam/semi_finish/points",
+        "/cam/finish/stepover_mm", "/cam/finish/predicted_cusp_um", "/cam/finish/minutes", "/postproc/rough/blocks",
+        "/postproc/semi_finish/bytes", "/postproc/finish/max_tip_error_um", "/postproc/finish/max_axis_speed_ratio", "/dry_run/faults",
+        "/dry_run/max_gouge_um", "/dry_run/max_cusp_um", "/dry_run/p99_cusp_um", "/dry_run/residue_um", "/dry_run/limit_violations",
+        "/dry_run/collisions", "/dry_run/minutes", "/dry_run/seconds", "/dry_run/caustic/raw/l1_error", "/dry_run/caustic/polished/psnr_db",
+        "/dry_run/caustic/polished/flux_outside_support"}) {
+    const json::json_pointer p(pointer);
+    EXPECT_TRUE(report.contains(p) && report.at(p).is_number()) << pointer;
+  }
+  EXPECT_EQ(report.at("/cam/solid/valid"_json_pointer), true);
+  EXPECT_EQ(report.at("/dry_run/faults"_json_pointer), 0);
+  EXPECT_LT(report.at("/dry_run/max_gouge_um"_json_pointer), 1.0);
+  EXPECT_LT(report.at("/dry_run/max_cusp_um"_json_pointer), 4.6) << "4 um were asked for";
+  EXPECT_GT(report.at("/dry_run/max_cusp_um"_json_pointer), 2.0) << "a ball at this stepover cannot leave less";
+  EXPECT_LT(report.at("/design/caustic/l1_error"_json_pointer), 0.1);
+  EXPECT_EQ(report.at("/dry_run/link/digest_matches"_json_pointer), true);
+  // Pages refer to nothing that is not there.
+  const std::string page = slurp(fs::path(run) / "report.html");
+  EXPECT_EQ(page.find("http"), std::string::npos) << "no resource from elsewhere";
+  for (std::size_t at = page.find("src=\""); at != std::string::npos; at = page.find("src=\"", at + 1)) {
+    const std::string name = page.substr(at + 5, page.find('"', at + 5) - at - 5);
+    EXPECT_TRUE(fs::exists(fs::path(run) / name)) << name;
+  }
+
+  // Again: nothing to do. The resolved job, re-read, is the same job.
+  const CommandResult again = lightmill_command({"make", run + "/job.toml", "-o", run});
+  EXPECT_EQ(again.code, 0) << again.err;
+  EXPECT_THAT(again.err, HasSubstr("dry-run: nothing changed, kept"));
+  EXPECT_EQ(report_of(run), report);
+
+  // A coarser finish: design stays, cam and what follows are made again.
+  const CommandResult coarser = lightmill_command({"make", tiny_job(scratch, "cusp_um = 4", "cusp_um = 6").string(), "-o", run, "--until", "post"});
+  EXPECT_EQ(coarser.code, 0) << coarser.err;
+  EXPECT_THAT(coarser.err, HasSubstr("surface: nothing changed, kept"));
+  EXPECT_THAT(coarser.err, ::testing::Not(HasSubstr("cam: nothing changed")));
+  EXPECT_FALSE(fs::exists(fs::path(run) / "dry_run/machined.tif")) << "milled from other programs";
+  EXPECT_FALSE(report_of(run).contains("dry_run"));
+  EXPECT_LT(report_of(run).at("/cam/finish/length_mm"_json_pointer), report.at("/cam/finish/length_mm"_json_pointer));
+}
+
+TEST(Chain, ADryRunIsNoEcho) {
+  const ScratchFolder scratch;
+  const std::string run = (scratch / "run").string();
+  ASSERT_EQ(lightmill_command({"make", tiny_job(scratch).string(), "-o", run}).code, 0);
+  const auto kinds_of = [&] {
+    std::string kinds;
+    for (const auto& fault : json::parse(slurp(run + "/dry_run/faults.json"))["faults"]) kinds += fault["kind"].get<std::string>() + " ";
+    return kinds;
+  };
+  const auto expect_fault = [&](const std::string& what, const std::vector<std::string>& options) {
+    std::vector<std::string> arguments = {"dry-run", run};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    const CommandResult result = lightmill_command(arguments);
+    EXPECT_EQ(result.code, 5) << what << " was not caught: " << result.out << result.err;
+    if (result.code != 5) return std::string();
+    EXPECT_GT(report_of(run).at("/dry_run/faults"_json_pointer), 0) << what;
+    EXPECT_THAT(slurp(run + "/report.html"), HasSubstr("Do not mill")) << what;
+    EXPECT_THAT(slurp(run + "/setup_sheet.html"), HasSubstr("Do not mill")) << what;
+    return kinds_of();
+  };
+  const std::string machine = slurp(fixture("machines/hsm400u_grblhal.toml"));
+
+  // A rotary axis that turns the other way.
+  std::string flipped = machine;
+  const std::size_t outer = flipped.find("[outer]");
+  flipped.replace(flipped.find("direction = -1", outer), 14, "direction = 1 ");
+  spill(scratch / "flipped_outer.toml", flipped);
+  expect_fault("a flipped outer sign", {"--machine", (scratch / "flipped_outer.toml").string()});
+  flipped = machine;
+  const std::size_t inner = flipped.find("[inner]");
+  flipped.replace(flipped.find("direction = -1", inner), 14, "direction = 1 ");
+  spill(scratch / "flipped_inner.toml", flipped);
+  expect_fault("a flipped inner sign", {"--machine", (scratch / "flipped_inner.toml").string()});
+
+  // A pivot 20 um from where the post believes it: half of that in height at 30 degrees.
+  spill(scratch / "shifted.toml", replaced(machine, "point_mm = [0.0, 0.0, -380.0]", "point_mm = [0.02, 0.0, -380.0]"));
+  EXPECT_THAT(expect_fault("a shifted pivot", {"--machine", (scratch / "shifted.toml").string()}), ::testing::AnyOf(HasSubstr("gouge"), HasSubstr("cusp")));
+
+  // A finishing tool 10 um longer, then shorter, than the program believes.
+  for (const char* length : {"length_mm = 85.01", "length_mm = 84.99"}) {
+    spill(scratch / "tool.toml", replaced(slurp(fixture("cutters/finish_4mm_ball.toml")), "length_mm = 85.0", length));
+    EXPECT_THAT(expect_fault(length, {"--cutters", fixture("cutters/rough_10mm.toml").string(), "--cutters",
+                                      fixture("cutters/semi_finish_4mm_ball.toml").string(), "--cutters", (scratch / "tool.toml").string()}),
+                ::testing::AnyOf(HasSubstr("gouge"), HasSubstr("cusp")));
+  }
+
+  // The operator has zeroed another offset than the program uses.
+  expect_fault("a swapped work offset", {"--work-offset", "55"});
+
+  // Nothing of that stays: the shop floor of the job is clean.
+  EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
+
+  // A block lost from the program.
+  const std::string program = slurp(run + "/program/30_finish.nc");
+  std::size_t line = program.size() / 2;
+  line = program.find('\n', line) + 1;
+  spill(run + "/program/30_finish.nc", program.substr(0, line) + program.substr(program.find('\n', line) + 1));
+  EXPECT_THAT(expect_fault("a lost block", {}), HasSubstr("program_changed"));
+  spill(run + "/program/30_finish.nc", program);
+  EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
+}
+
+TEST(Chain, KillingItAnywhereLeavesWholeFilesAndItResumes) {
+  const ScratchFolder scratch;
+  const fs::path job = tiny_job(scratch);
+  const auto started = std::chrono::steady_clock::now();
+  ASSERT_EQ(lightmill_command({"make", job.string(), "-o", (scratch / "whole").string()}).code, 0);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+
+  constexpr int kSeed = 20;
+  std::mt19937 random(kSeed);
+  std::uniform_real_distribution<double> moment(0.02, 0.7 * seconds);
+  const std::vector<std::string> arguments = {"make", job.string(), "-o", (scratch / "run").string(), "--quiet"};
+  int killed = 0;
+  for (int round = 0; round < 10; ++round) {
+    const pid_t child = start_lightmill(arguments, scratch / "log");
+    std::this_thread::sleep_for(std::chrono::duration<double>(moment(random)));
+    kill(child, SIGKILL);
+    killed += wait_for(child) == 128 + SIGKILL;
+    SCOPED_TRACE("seed " + std::to_string(kSeed) + ", round " + std::to_string(round));
+    expect_all_whole(scratch / "run");
+  }
+  EXPECT_GT(killed, 2) << "the moments must hit the run";
+  const CommandResult last = lightmill_command(arguments);
+  EXPECT_EQ(last.code, 0) << last.err;
+  expect_all_whole(scratch / "run");
+  // As if nothing had happened. (STEP files carry the time.)
+  for (const char* name : kPrograms) EXPECT_EQ(slurp(scratch.root() / "run" / name), slurp(scratch.root() / "whole" / name)) << name;
+  for (const char* name : {"design/surface.ply", "cam/spline.bin", "dry_run/machined.tif", "dry_run/caustic_machined.png"}) {
+    EXPECT_EQ(slurp(scratch.root() / "run" / name), slurp(scratch.root() / "whole" / name)) << name;
+  }
+  for (const auto& entry : fs::recursive_directory_iterator(scratch / "run")) {
+    EXPECT_EQ(entry.path().filename().string().find(".partial"), std::string::npos) << entry.path();
+    EXPECT_FALSE(entry.is_symlink()) << entry.path() << ": the simulated machine's port is gone with it";
+  }
+}
+
+TEST(Chain, CtrlCKeepsFinishedStages) {
+  const ScratchFolder scratch;
+  const fs::path job = tiny_job(scratch, "samples = 1024", "samples = 20000");
+  const pid_t child = start_lightmill({"make", job.string(), "-o", (scratch / "run").string()}, scratch / "log");
+  for (int tries = 0; tries < 6000 && !fs::exists(scratch / "run/stages/transport.json"); ++tries) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  kill(child, SIGINT);
+  EXPECT_EQ(wait_for(child), 130);
+  EXPECT_THAT(slurp(scratch / "log"), HasSubstr("lightmill: stopped"));
+  expect_all_whole(scratch / "run");
+  const CommandResult last = lightmill_command({"make", job.string(), "-o", (scratch / "run").string(), "--until", "design"});
+  EXPECT_EQ(last.code, 0) << last.err;
+  EXPECT_THAT(last.err, HasSubstr("transport: nothing changed, kept"));
+}
+
+TEST(Chain, TwoProcessesStreamToAMachineThatAnotherRuns) {
+  const ScratchFolder scratch;
+  const std::string port = (scratch / "port").string();
+  const pid_t machine = start_lightmill({"machine", "--pty", port, "--blank", "12x10x5", "--out", (scratch / "milled").string()}, scratch / "log");
+  for (int tries = 0; tries < 3000 && !fs::exists(port); ++tries) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  // A groove 0.5 mm deep along X with the 10 mm mill, from beside the blank.
+  spill(scratch / "groove.nc",
+        "G21 G90 G94 G17 G54\nG53 G0 Z0\nT1 M6\nG43.1 Z90\nS12000 M3\nG4 P9\nM7\nG0 X-12 Y0\nG0 Z10\nG1 Z4.5 F1200\nG1 X12 F1920\nG53 G0 Z0\nM5 M9\nM30\n");
+  const CommandResult unattended = lightmill_command({"stream", (scratch / "groove.nc").string(), "--port", port});
+  EXPECT_EQ(unattended.code, 6) << "nobody is there to change the tool" << unattended.err;
+  const CommandResult streamed = lightmill_command({"stream", (scratch / "groove.nc").string(), "--port", port, "--confirm-all"});
+  EXPECT_EQ(streamed.code, 0) << streamed.err;
+  kill(machine, SIGTERM);
+  EXPECT_EQ(wait_for(machine), 0) << slurp(scratch / "log");
+  const json result = json::parse(slurp(scratch / "milled/result.json"));
+  EXPECT_EQ(result["faults"].size(), 0U) << result["faults"].dump(1);
+  // All of the 10 mm width under the corner radius: 12 x 10 x 0.5 less two fillets of radius 0.5.
+  const double fillets = 2 * 12 * (0.25 - 3.14159265358979 * 0.25 / 4);
+  EXPECT_NEAR(result["removed_mm3"].get<double>(), 12 * 10 * 0.5 - fillets, 0.3);
+  EXPECT_FALSE(fs::exists(port));
+}
+
+TEST(Chain, AnyProgramCanBeDryRun) {
+  const ScratchFolder scratch;
+  spill(scratch / "deep.nc", "G21 G90 G94 G17 G54\nG53 G0 Z0\nT1 M6\nG43.1 Z90\nS12000 M3\nG4 P9\nG0 X0 Y0\nG0 Z2\nG53 G0 Z0\nM5\nM30\n");
+  const CommandResult crash = lightmill_command({"dry-run", (scratch / "deep.nc").string(), "--blank", "12x10x5", "-o", (scratch / "out").string()});
+  EXPECT_EQ(crash.code, 5) << crash.err;
+  const json faults = json::parse(slurp(scratch / "out/faults.json"))["faults"];
+  ASSERT_FALSE(faults.empty());
+  EXPECT_EQ(faults[0]["kind"], "rapid_in_stock");
+  EXPECT_EQ(faults[0]["program"], "deep.nc");
+  EXPECT_EQ(faults[0]["line"], 8);
+}
+
+}  // namespace
+}  // namespace lightmill
