@@ -27,19 +27,19 @@ struct Measures {
 
 }  // namespace
 
-Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface& design, const DeviationOptions& options,
-                            const Monitor& monitor) {
+Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface& design,
+                            const DeviationOptions& options, const Monitor& monitor) {
   if (!(options.finishing_ball_radius_mm > 0)) {
     throw InputError("finishing_ball_radius_mm must be above 0, not " + compact(options.finishing_ball_radius_mm, 4));
   }
-  const ReachableSurface reachable =
-      reachable_surface(design, options.finishing_ball_radius_mm, std::max(machined.pitch_mm, kClosingPitch_mm),
-                        monitor.part(0, 0.6));
+  const ReachableSurface reachable = reachable_surface(
+      design, options.finishing_ball_radius_mm, std::max(machined.pitch_mm, kClosingPitch_mm), monitor.part(0, 0.6));
   return measure_deviation(machined, design, reachable, options, monitor.part(0.6, 1));
 }
 
-Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface& design, const ReachableSurface& reachable,
-                            const DeviationOptions& options, const Monitor& monitor) {
+Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface& design,
+                            const ReachableSurface& reachable, const DeviationOptions& options,
+                            const Monitor& monitor) {
   const int width = machined.heights_mm.width;
   const int height = machined.heights_mm.height;
   Deviation result;
@@ -85,8 +85,9 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
             const double fb = b - jb;
             const double closed = (1 - fb) * ((1 - fa) * closing.at(ia, jb) + fa * closing.at(ia1, jb)) +
                                   fb * ((1 - fa) * closing.at(ia, jb1) + fa * closing.at(ia1, jb1));
-            const double residue = std::max(std::max(reachable.residue_um.at(ia, jb), reachable.residue_um.at(ia1, jb)),
-                                            std::max(reachable.residue_um.at(ia, jb1), reachable.residue_um.at(ia1, jb1)));
+            const double residue =
+                std::max(std::max(reachable.residue_um.at(ia, jb), reachable.residue_um.at(ia1, jb)),
+                         std::max(reachable.residue_um.at(ia, jb1), reachable.residue_um.at(ia1, jb1)));
             const double gouge = (std::max(closed, design_height) - node_height) * 1000;
             if (gouge > m.gouge) {
               m.gouge = gouge;
@@ -135,7 +136,8 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
   for (int bin = 0; bin <= kCuspBins && total > 0; ++bin) {
     below += bins[bin];
     if (static_cast<double>(below) >= 0.99 * static_cast<double>(total)) {
-      result.p99_cusp_um = bin == kCuspBins ? result.max_cusp_um : std::min((bin + 1) * kCuspBin_um, result.max_cusp_um);
+      result.p99_cusp_um =
+          bin == kCuspBins ? result.max_cusp_um : std::min((bin + 1) * kCuspBin_um, result.max_cusp_um);
       break;
     }
   }
@@ -145,7 +147,8 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
 
 namespace {
 
-/// Weights of a Gaussian at whole pitches, from the centre outwards, of sum 1 with both sides. Beyond 6 sigma 2e-9 is left out.
+/// Weights of a Gaussian at whole pitches, from the centre outwards, of sum 1 with both sides. Beyond 6 sigma 2e-9 is
+/// left out.
 std::vector<double> gaussian(double sigma_nodes) {
   const int reach = static_cast<int>(std::ceil(6 * sigma_nodes));
   std::vector<double> weights(reach + 1);
@@ -237,7 +240,8 @@ Grid<float> thinned(const Grid<float>& heights, int most_nodes) {
 }
 
 ColourPicture deviation_picture(const Grid<float>& deviation_um, double range_um, int most_pixels) {
-  if (!(range_um > 0)) throw InputError("the range of a deviation picture must be above 0, not " + compact(range_um, 6) + " um");
+  if (!(range_um > 0))
+    throw InputError("the range of a deviation picture must be above 0, not " + compact(range_um, 6) + " um");
   const Grid<float> small = flipped_rows(thinned(deviation_um, most_pixels));
   ColourPicture picture{Grid<float>(small.width, small.height), Grid<float>(small.width, small.height),
                         Grid<float>(small.width, small.height)};

@@ -17,10 +17,11 @@ namespace lightmill {
 
 namespace {
 
-/// Moves that are collected before they are applied. More spread better over threads; fewer keep the upper bounds of the stock
-/// fresher, so that more of a tool's footprint is known to be air.
+/// Moves that are collected before they are applied. More spread better over threads; fewer keep the upper bounds of
+/// the stock fresher, so that more of a tool's footprint is known to be air.
 constexpr std::size_t kBatchMoves = 2048;
-/// A ball's centre leaves the straight line between its ends by at most R angle^2 / 8 while the axis turns: 0.008 um at 2 mm.
+/// A ball's centre leaves the straight line between its ends by at most R angle^2 / 8 while the axis turns: 0.008 um at
+/// 2 mm.
 constexpr double kBallTurn_rad = 0.0056;
 /// Other cutters are swept with the axis of the piece's middle: their rim is off by R angle / 2, 0.5 um at 5 mm.
 constexpr double kMillTurn_rad = 2e-4;
@@ -78,7 +79,8 @@ struct StockModel::Impl {
     Hit cutter, others;
   };
 
-  Impl(const Blank& blank, const StockOptions& stock_options) : field(blank, stock_options.pitch_mm), options(stock_options) {}
+  Impl(const Blank& blank, const StockOptions& stock_options)
+      : field(blank, stock_options.pitch_mm), options(stock_options) {}
 
   StockField field;
   StockOptions options;
@@ -106,7 +108,9 @@ struct StockModel::Impl {
 
 namespace {
 
-bool leans(const ToolPose& pose) { return std::hypot(pose.axis.x(), pose.axis.y()) > kVertical_rad; }
+bool leans(const ToolPose& pose) {
+  return std::hypot(pose.axis.x(), pose.axis.y()) > kVertical_rad;
+}
 
 double turn(const ToolPose& a, const ToolPose& b) {
   return 2 * std::asin(std::min(1.0, (b.axis - a.axis).norm() / 2));
@@ -122,7 +126,9 @@ ToolPose pose_at(const SweptMove& move, double angle, double t) {
   return pose;
 }
 
-std::string mm(double value) { return compact(value, 3) + " mm"; }
+std::string mm(double value) {
+  return compact(value, 3) + " mm";
+}
 
 const char* name_of(Tool::Part part) {
   switch (part) {
@@ -266,8 +272,8 @@ void StockModel::Impl::add_cut(const Piece& piece) {
       to = piece.move.to.tip_mm;
     }
     const double length = (to - from).norm();
-    const bool goes_on = path.open && path.tool == piece.tool && path.shape == sweep.shape &&
-                         (path.end - from).norm() < kSameVertex_mm;
+    const bool goes_on =
+        path.open && path.tool == piece.tool && path.shape == sweep.shape && (path.end - from).norm() < kSameVertex_mm;
     if (goes_on && length < kSameVertex_mm / 10) continue;
     if (!goes_on) end_path();
     const Vec3 direction = length > 0 ? Vec3((to - from) / length) : Vec3(Vec3::Zero());
@@ -277,7 +283,8 @@ void StockModel::Impl::add_cut(const Piece& piece) {
         sweep.whole = false;
         sweep.back_mm = ball_wedge(path.direction, direction, tool.radius_mm);
       } else if (sweep.shape == Sweep::Shape::kMill && level && path.level) {
-        // Level motions look across at right angles: p . direction >= p . (direction - before) >= -R |direction - before|.
+        // Level motions look across at right angles: p . direction >= p . (direction - before) >= -R |direction -
+        // before|.
         sweep.whole = false;
         sweep.back_mm = tool.radius_mm * (direction - path.direction).norm();
       }
@@ -314,7 +321,8 @@ void StockModel::Impl::cut_collected() {
 }
 
 void StockModel::Impl::apply() {
-  // Which bodies might meet the stock as it was before this batch? The stock only shrinks: what is clear now stays clear.
+  // Which bodies might meet the stock as it was before this batch? The stock only shrinks: what is clear now stays
+  // clear.
   std::vector<Suspicion> suspicions(pieces.size());
   parallel_blocks(pieces.size(), 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
@@ -352,8 +360,8 @@ void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
 
   const double below_table = -lowest_of_tip(piece);
   if (below_table > kTable_mm) {
-    report("table", "", piece, "the cutter goes " + mm(below_table) + " below the back of the blank", piece.move.to.tip_mm,
-           below_table);
+    report("table", "", piece, "the cutter goes " + mm(below_table) + " below the back of the blank",
+           piece.move.to.tip_mm, below_table);
   }
 
   bool removes = cutting;
@@ -378,19 +386,22 @@ void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
       const Hit& worst = hits.cutter.probe.depth_mm >= hits.others.probe.depth_mm ? hits.cutter : hits.others;
       if (worst.probe.depth_mm > 0) {
         report("rapid_in_stock", "", piece,
-               "rapid with the " + std::string(worst.part) + " " + mm(worst.probe.depth_mm) + " below the top of the stock" +
+               "rapid with the " + std::string(worst.part) + " " + mm(worst.probe.depth_mm) +
+                   " below the top of the stock" +
                    (clearance > 0 ? " (or nearer than " + mm(clearance) + " to it)" : ""),
                worst.probe.place_mm, worst.probe.depth_mm);
       }
     } else {
       if (hits.cutter.probe.depth_mm > 0) {
         report("spindle_off_in_cut", "", piece,
-               "feed with the spindle off and the cutter " + mm(hits.cutter.probe.depth_mm) + " below the top of the stock",
+               "feed with the spindle off and the cutter " + mm(hits.cutter.probe.depth_mm) +
+                   " below the top of the stock",
                hits.cutter.probe.place_mm, hits.cutter.probe.depth_mm);
       }
       if (hits.others.probe.depth_mm > 0) {
         report("collision", hits.others.part, piece,
-               "the " + std::string(hits.others.part) + " is " + mm(hits.others.probe.depth_mm) + " below the top of the stock",
+               "the " + std::string(hits.others.part) + " is " + mm(hits.others.probe.depth_mm) +
+                   " below the top of the stock",
                hits.others.probe.place_mm, hits.others.probe.depth_mm);
       }
     }
@@ -429,7 +440,8 @@ StockModel::Impl::Hits StockModel::Impl::hits_of(const Piece& piece, const Suspi
   return hits;
 }
 
-StockModel::StockModel(const Blank& blank, const StockOptions& options) : impl_(std::make_unique<Impl>(blank, options)) {}
+StockModel::StockModel(const Blank& blank, const StockOptions& options)
+    : impl_(std::make_unique<Impl>(blank, options)) {}
 
 StockModel::~StockModel() = default;
 
@@ -442,7 +454,8 @@ void StockModel::set_cutter(const Cutter& cutter) {
 }
 
 void StockModel::move(const SweptMove& move) {
-  if (impl_->tools.empty()) throw InputError("line " + std::to_string(move.line) + ": a move before any cutter is in the spindle");
+  if (impl_->tools.empty())
+    throw InputError("line " + std::to_string(move.line) + ": a move before any cutter is in the spindle");
   const Tool& tool = impl_->tools.back();
   const int index = static_cast<int>(impl_->tools.size()) - 1;
   const long number = ++impl_->moves;
@@ -466,7 +479,9 @@ void StockModel::flush() {
   impl_->cut_collected();
 }
 
-const std::vector<Fault>& StockModel::faults() const { return impl_->faults; }
+const std::vector<Fault>& StockModel::faults() const {
+  return impl_->faults;
+}
 
 MachinedSurface StockModel::surface() const {
   MachinedSurface surface;
@@ -533,7 +548,8 @@ MachinedSurface read_machined(const std::filesystem::path& heights_path) {
     throw InputError("cannot understand " + note_path.string() + ": " + error.what() + "; run the dry run again");
   }
   surface.heights_mm = flipped_rows(read_float_image(heights_path));
-  surface.peaks_mm = flipped_rows(read_float_image(beside(heights_path, ("_peaks" + heights_path.extension().string()).c_str())));
+  surface.peaks_mm =
+      flipped_rows(read_float_image(beside(heights_path, ("_peaks" + heights_path.extension().string()).c_str())));
   for (const Grid<float>* grid : {&surface.heights_mm, &surface.peaks_mm}) {
     if (grid->width != columns || grid->height != rows) {
       throw InputError(heights_path.string() + " has another size than " + note_path.string() +

@@ -74,8 +74,8 @@ double StockField::highest(const Box2& rectangle) const {
   return most;
 }
 
-/// Calls visit(node index, i, j, height) for the nodes of a tile that the sweep may lower below `below`: a superset of those
-/// whose least height along the path is on this motion or on its first vertex.
+/// Calls visit(node index, i, j, height) for the nodes of a tile that the sweep may lower below `below`: a superset of
+/// those whose least height along the path is on this motion or on its first vertex.
 template <typename Visit>
 void StockField::visit_tile(const Sweep& sweep, int ti, int tj, double below, Visit&& visit) const {
   const Vec2 centre = tile_centre(ti, tj);
@@ -274,8 +274,8 @@ struct Ridge {
 
 /// Newton from the node: on both planes, which rise from their mean by -+ k, the surfaces meet where k . d is half the
 /// difference of their heights, nearest at d = k difference / 2 |k|^2.
-std::optional<Ridge> ridge_in_cell(const BallWitness& one, const BallWitness& other, SweptPoint a, SweptPoint b, double x,
-                                   double y, double half) {
+std::optional<Ridge> ridge_in_cell(const BallWitness& one, const BallWitness& other, SweptPoint a, SweptPoint b,
+                                   double x, double y, double half) {
   double at_x = 0;
   double at_y = 0;
   for (int round = 0; round < 4; ++round) {
@@ -336,14 +336,16 @@ Grid<float> StockField::peaks() const {
         double peak = own;
         for (int a = 0; a < count; ++a) {
           for (int b = a + 1; b < count; ++b) {
-            const auto ridge = ridge_in_cell(witnesses_[makers[a]], witnesses_[makers[b]], around[a], around[b], x(i), y(j), half);
+            const auto ridge =
+                ridge_in_cell(witnesses_[makers[a]], witnesses_[makers[b]], around[a], around[b], x(i), y(j), half);
             if (!ridge) continue;
             // It is one of the part only where no other ball has taken it away.
             double envelope = ridge->height;
             for (int k = 0; k < count; ++k) {
               if (k == a || k == b) continue;
               const BallWitness& ball = witnesses_[makers[k]];
-              envelope = std::min(envelope, swept_ball(ball.from, ball.to, ball.radius_mm, x(i) + ridge->x, y(j) + ridge->y).height);
+              envelope = std::min(
+                  envelope, swept_ball(ball.from, ball.to, ball.radius_mm, x(i) + ridge->x, y(j) + ridge->y).height);
             }
             if (envelope < ridge->height - kMeeting_mm) continue;
             peak = std::max(peak, envelope - ridge->slope_x * ridge->x - ridge->slope_y * ridge->y);

@@ -17,16 +17,16 @@ struct BallWitness {
   double radius_mm = 0;
 };
 
-inline constexpr std::uint32_t kUncut = 0xFFFFFFFFu;         ///< witness of a node that is still the blank's top
-inline constexpr std::uint32_t kNotABall = 0xFFFFFFFEu;      ///< made by a mill or by the side of a cutter
-inline constexpr int kTileNodes = 16;                        ///< tiles of the finest pyramid level are 16 x 16 nodes
+inline constexpr std::uint32_t kUncut = 0xFFFFFFFFu;     ///< witness of a node that is still the blank's top
+inline constexpr std::uint32_t kNotABall = 0xFFFFFFFEu;  ///< made by a mill or by the side of a cutter
+inline constexpr int kTileNodes = 16;                    ///< tiles of the finest pyramid level are 16 x 16 nodes
 
 class StockField {
  public:
   StockField(const Blank& blank, double pitch_mm);
 
-  /// Removes what the sweeps cover, on all threads. The least height wins, so neither order nor threads matter; of equal
-  /// heights the first counts as the maker.
+  /// Removes what the sweeps cover, on all threads. The least height wins, so neither order nor threads matter; of
+  /// equal heights the first counts as the maker.
   void cut(std::span<const Sweep> sweeps);
 
   /// How far a sweep would reach into the stock, without removing anything: the largest height above the swept surface.

@@ -87,7 +87,8 @@ Distance distance_to(const RoundedCylinder& body, const Vec3& axis, const Vec3& 
   const double axial = above - below;
   const double core = std::hypot(out, axial);
   Distance distance{core - body.corner_mm, Vec3::Zero()};
-  if (core > 0) distance.gradient = (rho > 0 ? Vec3(out / rho * radial) : Vec3(Vec3::Zero())) / core + axial / core * axis;
+  if (core > 0)
+    distance.gradient = (rho > 0 ? Vec3(out / rho * radial) : Vec3(Vec3::Zero())) / core + axial / core * axis;
   return distance;
 }
 
@@ -114,7 +115,8 @@ Distance distance_to_swept(const RoundedCylinder& body, const Vec3& axis, const 
 
 }  // namespace
 
-double underside(const RoundedCylinder& body, const Vec3& tip, const Vec3& motion, const Vec3& axis, double x, double y) {
+double underside(const RoundedCylinder& body, const Vec3& tip, const Vec3& motion, const Vec3& axis, double x,
+                 double y) {
   const double reach = body.flat_mm + 2 * body.corner_mm;
   const double top = std::max(body.top_mm, body.corner_mm);
   double z = tip.z() + std::min(0.0, motion.z()) + std::min(0.0, top * axis.z()) - reach - 1;
@@ -194,14 +196,15 @@ double Sweep::least_height(double distance_mm) const {
 
 namespace {
 
-/// A mill with its tip on the line: the rise of its bottom at distance rho from the axis (0 on the flat), rho <= radius.
+/// A mill with its tip on the line: the rise of its bottom at distance rho from the axis (0 on the flat), rho <=
+/// radius.
 double bottom_rise(double rho, double flat_mm, double corner_mm) {
   const double out = rho - flat_mm;
   return out <= 0 ? 0.0 : corner_mm - std::sqrt(std::max(0.0, corner_mm * corner_mm - out * out));
 }
 
-/// Sloped motion of a mill: the bottom's rise is convex and grows with the distance, the distance is convex along the motion,
-/// so the height over a node is convex along the motion: its minimum is where the derivative changes sign.
+/// Sloped motion of a mill: the bottom's rise is convex and grows with the distance, the distance is convex along the
+/// motion, so the height over a node is convex along the motion: its minimum is where the derivative changes sign.
 double sloped_mill(const Sweep& sweep, double s, double u, double below) {
   const double climb = sweep.rise_mm * sweep.inverse_length;
   const double flat2 = sweep.flat_mm * sweep.flat_mm;
@@ -254,8 +257,8 @@ double Sweep::height(double x, double y, double below) const {
   const double u = dy * along_x - dx * along_y;
   switch (shape) {
     case Shape::kBall: {
-      // The height over the node, seen as a function of where the ball is on its way, is convex; its minimum lies where the
-      // contact is across the motion: s - r sine behind the node. Beyond an end the end's sphere is what counts.
+      // The height over the node, seen as a function of where the ball is on its way, is convex; its minimum lies where
+      // the contact is across the motion: s - r sine behind the node. Beyond an end the end's sphere is what counts.
       const double r2 = radius_mm * radius_mm - u * u;
       if (r2 < 0) return kNothing;
       const double r = std::sqrt(r2);
@@ -280,13 +283,14 @@ double Sweep::height(double x, double y, double below) const {
   return underside(body, from, to - from, axis, x, y);
 }
 
-// A path's envelope is the least of the heights of all its motions, and at every node that least height is a local minimum
-// along the path: either inside a motion, which nodes of its slab have (the contact across the motion), or at a vertex
-// where the height falls towards the vertex from both sides. For a ball at vertex v with contact direction q (from the
-// centre), the latter reads q . before >= 0 and q . direction <= 0, so that -q . direction <= q . (before - direction) <=
-// R |before - direction|. In the vertical plane through the motion, the contact of a node at distance u beside it is at
-// q = r (sin phi, -cos phi), r^2 = R^2 - u^2, and q . direction = r sin(phi - beta), beta the climbing angle. The nodes of
-// the wedge thus lie at s = r sin phi >= r sin beta - (1 + |sin beta|) R |before - direction|: this is back_mm.
+// A path's envelope is the least of the heights of all its motions, and at every node that least height is a local
+// minimum along the path: either inside a motion, which nodes of its slab have (the contact across the motion), or at a
+// vertex where the height falls towards the vertex from both sides. For a ball at vertex v with contact direction q
+// (from the centre), the latter reads q . before >= 0 and q . direction <= 0, so that -q . direction <= q . (before -
+// direction) <= R |before - direction|. In the vertical plane through the motion, the contact of a node at distance u
+// beside it is at q = r (sin phi, -cos phi), r^2 = R^2 - u^2, and q . direction = r sin(phi - beta), beta the climbing
+// angle. The nodes of the wedge thus lie at s = r sin phi >= r sin beta - (1 + |sin beta|) R |before - direction|: this
+// is back_mm.
 double ball_wedge(const Vec3& before, const Vec3& direction, double radius_mm) {
   return 2 * radius_mm * std::min(1.0, (before - direction).norm());
 }

@@ -14,8 +14,8 @@ struct Frustum {
   double from_mm = 0, to_mm = 0;
   double from_radius_mm = 0, to_radius_mm = 0;
 
-  /// A frustum that contains every point within `distance_mm` of this one (negative: a frustum whose every point lies that
-  /// deep inside this one).
+  /// A frustum that contains every point within `distance_mm` of this one (negative: a frustum whose every point lies
+  /// that deep inside this one).
   [[nodiscard]] Frustum grown(double distance_mm) const;
   [[nodiscard]] bool empty() const { return to_mm <= from_mm || (from_radius_mm <= 0 && to_radius_mm <= 0); }
 };
@@ -32,10 +32,11 @@ struct RoundedCylinder {
   double top_mm = 0;
 };
 
-/// As above for a rounded cylinder that moves from tip to tip + motion. The distance to a convex body that moves straight is
-/// convex in place and time together, so Newton along the vertical line climbs to the underside from below, with the nearest
-/// moment found by bisection; ends within 1e-9 mm.
-double underside(const RoundedCylinder& body, const Vec3& tip, const Vec3& motion, const Vec3& axis, double x, double y);
+/// As above for a rounded cylinder that moves from tip to tip + motion. The distance to a convex body that moves
+/// straight is convex in place and time together, so Newton along the vertical line climbs to the underside from below,
+/// with the nearest moment found by bisection; ends within 1e-9 mm.
+double underside(const RoundedCylinder& body, const Vec3& tip, const Vec3& motion, const Vec3& axis, double x,
+                 double y);
 
 /// One straight sweep with everything that is the same for all nodes worked out.
 struct Sweep {
@@ -49,7 +50,8 @@ struct Sweep {
   double radius_mm = 0;  ///< of the ball, of the mill
   double flat_mm = 0;    ///< radius of the mill's flat bottom
   double corner_mm = 0;
-  /// How far behind `from` nodes must be looked at: the wedge between this motion and the one before (see stock_sweep.cpp).
+  /// How far behind `from` nodes must be looked at: the wedge between this motion and the one before (see
+  /// stock_sweep.cpp).
   double back_mm = 0;
   /// The whole footprint must be looked at, not only the slab beside the motion.
   bool whole = false;
@@ -61,15 +63,16 @@ struct Sweep {
   double along_x = 1, along_y = 0;  ///< unit, direction of the motion seen from above
   double length_mm = 0;             ///< seen from above
   double inverse_length = 0;
-  double rise_mm = 0;               ///< to.z - from.z
-  double sine = 0, cosine = 1;      ///< of the climbing angle
-  double lowest_mm = 0;             ///< nothing of the cutter is below
-  Box2 reach;                       ///< seen from above
+  double rise_mm = 0;           ///< to.z - from.z
+  double sine = 0, cosine = 1;  ///< of the climbing angle
+  double lowest_mm = 0;         ///< nothing of the cutter is below
+  Box2 reach;                   ///< seen from above
 
   void prepare();
   /// kTilted: a cylinder that, in the middle of the motion, contains what the sweep covers within `slack_mm` of it.
   [[nodiscard]] Frustum around(double slack_mm) const;
-  /// The lowest height of the swept cutter over (x, y); kNothing beside it and, where that saves work, if not below `below`.
+  /// The lowest height of the swept cutter over (x, y); kNothing beside it and, where that saves work, if not below
+  /// `below`.
   [[nodiscard]] double height(double x, double y, double below = kNothing) const;
   /// No height `distance_mm` or farther from the motion (seen from above) is below this (kBall, kMill).
   [[nodiscard]] double least_height(double distance_mm) const;

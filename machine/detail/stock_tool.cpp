@@ -34,7 +34,8 @@ struct Bounds {
 Bounds bounds(const Frustum& body, const ToolPose& pose, double margin_mm) {
   Bounds result;
   const Vec3 across = (Vec3::Ones() - pose.axis.cwiseProduct(pose.axis)).cwiseMax(0).cwiseSqrt();
-  for (const auto& [height, radius] : {std::pair(body.from_mm, body.from_radius_mm), std::pair(body.to_mm, body.to_radius_mm)}) {
+  for (const auto& [height, radius] :
+       {std::pair(body.from_mm, body.from_radius_mm), std::pair(body.to_mm, body.to_radius_mm)}) {
     const Vec3 centre = pose.tip_mm + height * pose.axis;
     const Vec3 half = radius * across + Vec3::Constant(margin_mm);
     result.above.include((centre - half).head<2>());
@@ -73,7 +74,8 @@ Tool::Tool(const Cutter& cutter)
   }
 }
 
-bool may_touch(const StockField& field, const Frustum& body, const ToolPose& from, const ToolPose& to, double margin_mm) {
+bool may_touch(const StockField& field, const Frustum& body, const ToolPose& from, const ToolPose& to,
+               double margin_mm) {
   const double way = travel(body, from, to) / 2;
   const ToolPose middle = between(from, to, 0.5);
   const Bounds box = bounds(body, middle, std::max(0.0, margin_mm) + way);

@@ -9,8 +9,8 @@
 
 namespace lightmill {
 
-/// Bodies that overlap the stock by less than this (at right angles to their surface) only touch it: the rotary words' last
-/// decimal turns a shank 100 mm away by less.
+/// Bodies that overlap the stock by less than this (at right angles to their surface) only touch it: the rotary words'
+/// last decimal turns a shank 100 mm away by less.
 inline constexpr double kTouch_mm = 1e-3;
 
 struct Tool {
@@ -28,9 +28,11 @@ struct Tool {
 };
 
 /// False only if the body, grown by `margin_mm`, is clear of the stock on its whole way between two near poses.
-bool may_touch(const StockField& field, const Frustum& body, const ToolPose& from, const ToolPose& to, double margin_mm);
+bool may_touch(const StockField& field, const Frustum& body, const ToolPose& from, const ToolPose& to,
+               double margin_mm);
 
-/// Node by node at poses at most kCheckSpacing_mm apart: how far the body, grown by `margin_mm`, is below the stock's top.
+/// Node by node at poses at most kCheckSpacing_mm apart: how far the body, grown by `margin_mm`, is below the stock's
+/// top.
 inline constexpr double kCheckSpacing_mm = 0.1;
 StockField::Probe touch(const StockField& field, const Frustum& body, const ToolPose& from, const ToolPose& to,
                         double margin_mm);

@@ -36,7 +36,8 @@ double lens(double x, double y) {
 
 Vec3 normal(double x, double y) {
   const double e = 1e-4;
-  return Vec3(-(lens(x + e, y) - lens(x - e, y)) / (2 * e), -(lens(x, y + e) - lens(x, y - e)) / (2 * e), 1).normalized();
+  return Vec3(-(lens(x + e, y) - lens(x - e, y)) / (2 * e), -(lens(x, y + e) - lens(x, y - e)) / (2 * e), 1)
+      .normalized();
 }
 
 struct Clock {
@@ -45,8 +46,8 @@ struct Clock {
   std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
   void stop(long moves, double metres) const {
     const double wall = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    std::printf("%-14s %8ld moves %7.1f m  %6.1f s CPU  %6.1f s  %6.0f MB\n", what, moves, metres, cpu_seconds() - cpu, wall,
-                peak_megabytes());
+    std::printf("%-14s %8ld moves %7.1f m  %6.1f s CPU  %6.1f s  %6.0f MB\n", what, moves, metres, cpu_seconds() - cpu,
+                wall, peak_megabytes());
     std::fflush(stdout);
   }
 };
@@ -121,7 +122,8 @@ void rough(StockModel& model) {
       for (double x = -half; x <= half; x += 0.5) {
         double stands = 0;
         for (double r = 0; r <= 5; r += 1.25) {
-          for (double a = 0; a < 6.28; a += 0.5) stands = std::max(stands, lens(x + r * std::cos(a), y + r * std::sin(a)) + 0.3);
+          for (double a = 0; a < 6.28; a += 0.5)
+            stands = std::max(stands, lens(x + r * std::cos(a), y + r * std::sin(a)) + 0.3);
         }
         low = std::max(z, stands);
         feeder.go({{x, y, low}, Vec3::UnitZ()});
@@ -143,7 +145,8 @@ int main(int argc, char** argv) {
   rough(model);
   ball_passes(model, "semi_finish", 0.4, 0.05, direction);
   ball_passes(model, "finish", 0.13, 0, direction);
-  for (const Fault& fault : model.faults()) std::printf("FAULT %s line %ld: %s\n", fault.kind.c_str(), fault.line, fault.message.c_str());
+  for (const Fault& fault : model.faults())
+    std::printf("FAULT %s line %ld: %s\n", fault.kind.c_str(), fault.line, fault.message.c_str());
   const Clock surfacing{"surface()"};
   const MachinedSurface surface = model.surface();
   surfacing.stop(0, 0);
@@ -156,14 +159,15 @@ int main(int argc, char** argv) {
       lowest = std::min(lowest, surface.heights_mm.at(i, j) - design);
     }
   }
-  std::printf("peaks to %.3f um above, nodes to %.3f um below the lens; removed %.1f mm3\n", highest * 1000, lowest * 1000,
-              surface.removed_mm3);
+  std::printf("peaks to %.3f um above, nodes to %.3f um below the lens; removed %.1f mm3\n", highest * 1000,
+              lowest * 1000, surface.removed_mm3);
   {
     const Clock writing{"write"};
     const auto path = std::filesystem::temp_directory_path() / "stock_bench_machined.tif";
     write_machined(path, surface);
     writing.stop(0, 0);
-    for (const char* name : {"stock_bench_machined.tif", "stock_bench_machined_peaks.tif", "stock_bench_machined.json"}) {
+    for (const char* name :
+         {"stock_bench_machined.tif", "stock_bench_machined_peaks.tif", "stock_bench_machined.json"}) {
       std::filesystem::remove(std::filesystem::temp_directory_path() / name);
     }
   }

@@ -49,8 +49,8 @@ MachinedSurface exactly(const SplineSurface& design, const Box2& extent, double 
 
 TEST(Deviation, FindsAGougeAndACuspWithPlaceAndSize) {
   const Box2 extent{{-4, -2.5}, {4, 2.5}};
-  const SplineSurface design =
-      spline_of(extent, 80, 50, [](double x, double y) { return 9 + 0.3 * std::sin(0.5 * x) * std::cos(0.4 * y + 0.2); });
+  const SplineSurface design = spline_of(
+      extent, 80, 50, [](double x, double y) { return 9 + 0.3 * std::sin(0.5 * x) * std::cos(0.4 * y + 0.2); });
   MachinedSurface machined = exactly(design, extent, 0.05);
   Deviation deviation = measure_deviation(machined, design, {});
   EXPECT_LT(deviation.max_gouge_um, 0.02) << "nothing but float heights";
@@ -58,7 +58,8 @@ TEST(Deviation, FindsAGougeAndACuspWithPlaceAndSize) {
   EXPECT_EQ(deviation.gouged_area_mm2, 0);
   EXPECT_EQ(deviation.unreachable_area_mm2, 0);
 
-  // 12.5 um too deep over 3 nodes, a ridge of 2.25 um of which the node itself sees only 1.5, and 1 um over 5 % of the part.
+  // 12.5 um too deep over 3 nodes, a ridge of 2.25 um of which the node itself sees only 1.5, and 1 um over 5 % of the
+  // part.
   for (int i = 30; i < 33; ++i) {
     machined.heights_mm.at(i, 20) -= i == 31 ? 0.0125F : 0.004F;
     machined.peaks_mm.at(i, 20) = machined.heights_mm.at(i, 20);
@@ -89,7 +90,8 @@ TEST(Deviation, FindsAGougeAndACuspWithPlaceAndSize) {
 }
 
 TEST(Deviation, JudgesAConcaveCreaseByWhatTheBallCanReach) {
-  // A valley of slopes -+0.2 along y: the ball (R 2) leaves an arc of R tan(half the angle) 0.392 to both sides, 39.6 um high.
+  // A valley of slopes -+0.2 along y: the ball (R 2) leaves an arc of R tan(half the angle) 0.392 to both sides, 39.6
+  // um high.
   const double slope = 0.2;
   const double r = 2;
   const Box2 extent{{-3, -1}, {3, 1}};
@@ -100,7 +102,8 @@ TEST(Deviation, JudgesAConcaveCreaseByWhatTheBallCanReach) {
     for (int i = 0; i < machined.heights_mm.width; ++i) {
       const double x = -3 + 0.02 * i;
       if (std::abs(x) < reach) {
-        machined.heights_mm.at(i, j) = static_cast<float>(5 + r * std::sqrt(1 + slope * slope) - std::sqrt(r * r - x * x));
+        machined.heights_mm.at(i, j) =
+            static_cast<float>(5 + r * std::sqrt(1 + slope * slope) - std::sqrt(r * r - x * x));
       }
     }
   }
@@ -108,7 +111,8 @@ TEST(Deviation, JudgesAConcaveCreaseByWhatTheBallCanReach) {
   Deviation deviation = measure_deviation(machined, design, {});
   EXPECT_LT(deviation.max_gouge_um, 0.5);
   EXPECT_LT(deviation.max_cusp_um, 0.15) << "the arc is residue, not cusp";
-  EXPECT_NEAR(deviation.residue_um, r * (std::sqrt(1 + slope * slope) - 1) * 1000 - design.height(0, 0) * 1000 + 5000, 0.3);
+  EXPECT_NEAR(deviation.residue_um, r * (std::sqrt(1 + slope * slope) - 1) * 1000 - design.height(0, 0) * 1000 + 5000,
+              0.3);
   EXPECT_NEAR(deviation.unreachable_area_mm2, 2 * 2 * reach, 0.15 * 2 * 2 * reach);
   // Cut below the arc, yet above the design: a gouge by the reachable surface all the same.
   const int i = 150;
@@ -154,7 +158,8 @@ TEST(Deviation, OfAMilledCylinderIsItsScallops) {
   model.flush();
   EXPECT_TRUE(model.faults().empty());
   const Deviation deviation = measure_deviation(model.surface(), design, {});
-  // Between two centres at distance big + r the ridge stands this high along the cylinder's normal; vertically 1 / cosine.
+  // Between two centres at distance big + r the ridge stands this high along the cylinder's normal; vertically 1 /
+  // cosine.
   const double half_chord = (big + r) * std::sin(angle / 2);
   const double cusp = (big + r) * std::cos(angle / 2) - std::sqrt(r * r - half_chord * half_chord) - big;
   EXPECT_NEAR(deviation.max_cusp_um, cusp * 1000 / std::cos(3.0 / big), 0.02);
@@ -190,7 +195,8 @@ TEST(Polish, DampsACosineByTheGaussiansTransform) {
       Grid<float> heights(width, height);
       for (int j = 0; j < height; ++j) {
         for (int i = 0; i < width; ++i) {
-          heights.at(i, j) = static_cast<float>(std::cos(kPi * m * i / (width - 1)) * std::cos(kPi * n * j / (height - 1)));
+          heights.at(i, j) =
+              static_cast<float>(std::cos(kPi * m * i / (width - 1)) * std::cos(kPi * n * j / (height - 1)));
         }
       }
       const Grid<float> polished = polish(heights, pitch, sigma_um);

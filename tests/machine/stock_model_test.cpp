@@ -116,8 +116,8 @@ TEST(StockModel, TakesTheVolumeOfASlotFromTheBlock) {
   const Blank blank{{12, 8}, 6};
   const double depth = 1.2;
   const double r = 2;
-  const MachinedSurface surface =
-      cut(blank, 0.02, ball(4), {pose_of_centre({-9, 0.4, 6 - depth + r}, r), pose_of_centre({9, 0.4, 6 - depth + r}, r)});
+  const MachinedSurface surface = cut(
+      blank, 0.02, ball(4), {pose_of_centre({-9, 0.4, 6 - depth + r}, r), pose_of_centre({9, 0.4, 6 - depth + r}, r)});
   const double segment = r * r * std::acos((r - depth) / r) - (r - depth) * std::sqrt(2 * r * depth - depth * depth);
   EXPECT_NEAR(surface.removed_mm3 / (segment * 12), 1, 2e-4);
   // A flat end mill 6 mm wide, 2 deep, over half the block, its round end included.
@@ -210,8 +210,8 @@ TEST(StockModel, ScallopsOnASlopeKeepTheirHeightAlongItsNormal) {
 }
 
 TEST(StockModel, ScallopsOnACapFollowItsCurvature) {
-  // A convex cap of radius 40 with passes along x whose centres lie on the sphere of radius 42 at equal steps in y. At the
-  // ridge between two passes at y = +-s/2 on the meridian: centres at 42 (0, +-sin a, cos a).
+  // A convex cap of radius 40 with passes along x whose centres lie on the sphere of radius 42 at equal steps in y. At
+  // the ridge between two passes at y = +-s/2 on the meridian: centres at 42 (0, +-sin a, cos a).
   const double r = 2;
   const double big = 40;
   const double top = 6;
@@ -267,7 +267,8 @@ TEST(StockModel, ABallLeavesTheSameSurfaceHoweverItsAxisLeans) {
   const MachinedSurface c = cut(blank, 0.05, ball(4), turning);
   EXPECT_GT(a.removed_mm3, 5);
   EXPECT_LT(largest_difference(a.heights_mm, b.heights_mm), 2e-6);
-  // While the axis turns with the tip on a line the centre bows by R angle^2 / 8 between given poses (0.035 rad: 0.3 um).
+  // While the axis turns with the tip on a line the centre bows by R angle^2 / 8 between given poses (0.035 rad: 0.3
+  // um).
   EXPECT_LT(largest_difference(a.heights_mm, c.heights_mm), 3e-3);
 }
 
@@ -297,7 +298,8 @@ TEST(StockModel, BallEqualsADenseSearchOnRandomPolylines) {
         const double y = surface.extent.min.y() + surface.pitch_mm * j;
         const double expected =
             std::min(5.0, searched(path, x, y, r, [&](double rho) { return r - std::sqrt(r * r - rho * rho); }));
-        ASSERT_NEAR(surface.heights_mm.at(i, j), std::max(expected, 0.0), 2e-6) << "seed " << seed << " at " << x << " " << y;
+        ASSERT_NEAR(surface.heights_mm.at(i, j), std::max(expected, 0.0), 2e-6)
+            << "seed " << seed << " at " << x << " " << y;
       }
     }
   }
@@ -331,7 +333,8 @@ TEST(StockModel, MillsEqualADenseSearchOnRandomPolylines) {
           // At the rim the profile ends in a wall and the search may miss the best moment by one step: a slightly wider
           // mill that it finds as well must be lower.
           ASSERT_LT(surface.heights_mm.at(i, j), expected + 3e-6) << "seed " << seed << " at " << x << " " << y;
-          const double wider = std::min(5.0, searched(path, x, y, r + 0.01, [&](double rho) { return bottom(std::min(rho, r)); }));
+          const double wider =
+              std::min(5.0, searched(path, x, y, r + 0.01, [&](double rho) { return bottom(std::min(rho, r)); }));
           ASSERT_GT(surface.heights_mm.at(i, j), std::min(expected - 3e-6, wider - 3e-6)) << "seed " << seed;
           if (surface.heights_mm.at(i, j) < expected - 1e-4) ++off;
         }
@@ -387,7 +390,9 @@ TEST(StockModel, CutsCommuteRepeatAndSplitWithoutChange) {
   // Going twice adds a way back from the end to the start, which cuts as well: give it to the single one, too.
   Path closed = path;
   closed.push_back(path.front());
-  EXPECT_EQ(largest_difference(cut(blank, 0.05, ball(2 * r), twice).heights_mm, cut(blank, 0.05, ball(2 * r), closed).heights_mm), 0);
+  EXPECT_EQ(largest_difference(cut(blank, 0.05, ball(2 * r), twice).heights_mm,
+                               cut(blank, 0.05, ball(2 * r), closed).heights_mm),
+            0);
   EXPECT_LT(largest_difference(once.heights_mm, cut(blank, 0.05, ball(2 * r), backwards).heights_mm), 1e-6);
   EXPECT_LT(largest_difference(once.heights_mm, cut(blank, 0.05, ball(2 * r), split).heights_mm), 1e-6);
 
@@ -429,7 +434,7 @@ TEST(StockModel, RapidsThroughStockAreCaughtAndOthersAreNot) {
   EXPECT_TRUE(model.faults().empty()) << model.faults()[0].message;
 
   const double before = model.surface().removed_mm3;
-  rapid(model, {{4, 3, 13}, Vec3::UnitZ()}, {{4, 3, 6}, Vec3::UnitZ()}, 7);   // back down into the slot: nothing there
+  rapid(model, {{4, 3, 13}, Vec3::UnitZ()}, {{4, 3, 6}, Vec3::UnitZ()}, 7);    // back down into the slot: nothing there
   rapid(model, {{4, 3, 6}, Vec3::UnitZ()}, {{-4, 3, 6.5}, Vec3::UnitZ()}, 8);  // out of its end: through stock
   rapid(model, {{-4, 3, 6.5}, Vec3::UnitZ()}, {{-4, 1, 6.5}, Vec3::UnitZ()}, 9);
   rapid(model, {{-4, 1, 6.5}, Vec3::UnitZ()}, {{-4, 1, 13}, Vec3::UnitZ()}, 10);
@@ -484,8 +489,8 @@ TEST(StockModel, AHolderThatHitsWhatStillStandsIsCaughtAndWhatIsGoneIsNot) {
   cutter.length_mm = 40;
   cutter.holder = {{14, 40, 6, 10}};
   const Blank blank{{40, 30}, 25};
-  // A ball slot 11 mm deep along x (in one go: only geometry matters here), then 18 deep: there the holder's rim, 14 above the
-  // tip, is 4 mm below the top beside the slot.
+  // A ball slot 11 mm deep along x (in one go: only geometry matters here), then 18 deep: there the holder's rim, 14
+  // above the tip, is 4 mm below the top beside the slot.
   const auto slot = [](double depth) {
     return Path{{{-30, 2, 25 - depth}, Vec3::UnitZ()}, {{30, 2, 25 - depth}, Vec3::UnitZ()}};
   };
@@ -556,7 +561,9 @@ TEST(StockModel, NoFalseAlarmsAtThirtyDegreesOverACurvedSurface) {
   long line = 1;
   const auto centre = [&](double x, double y) {
     const double e = 1e-5;
-    const Vec3 n = Vec3(-(height(x + e, y) - height(x - e, y)) / (2 * e), -(height(x, y + e) - height(x, y - e)) / (2 * e), 1).normalized();
+    const Vec3 n =
+        Vec3(-(height(x + e, y) - height(x - e, y)) / (2 * e), -(height(x, y + e) - height(x, y - e)) / (2 * e), 1)
+            .normalized();
     return Vec3(Vec3(x, y, height(x, y)) + r * n);
   };
   ToolPose last{{-20, -10, 30}, axis};
@@ -577,7 +584,8 @@ TEST(StockModel, NoFalseAlarmsAtThirtyDegreesOverACurvedSurface) {
 }
 
 TEST(StockModel, FlutesOfALeaningBallTakeTheWallThatTheyLeanInto) {
-  // The cylinder above a ball that leans 40 degrees towards +x cuts what stands above its underside, the line at its side.
+  // The cylinder above a ball that leans 40 degrees towards +x cuts what stands above its underside, the line at its
+  // side.
   StockModel model({{16, 8}, 6}, {0.05, 0});
   Cutter cutter = ball(2);
   cutter.flute_length_mm = 14;
@@ -587,11 +595,13 @@ TEST(StockModel, FlutesOfALeaningBallTakeTheWallThatTheyLeanInto) {
   model.flush();
   const MachinedSurface surface = model.surface();
   const int row = surface.heights_mm.height / 2;
-  // Underside of the cylinder in its plane: from the point on the equator at 40 degrees below the horizontal, along the axis.
+  // Underside of the cylinder in its plane: from the point on the equator at 40 degrees below the horizontal, along the
+  // axis.
   for (double x = -5.1; x < -3; x += 0.25) {
     const int i = static_cast<int>(std::lround((x - surface.extent.min.x()) / 0.05));
     const double node_x = surface.extent.min.x() + 0.05 * i;
-    const double expected = 2 - std::sin(40 * kPi / 180) + (node_x + 6 - std::cos(40 * kPi / 180)) / std::tan(40 * kPi / 180);
+    const double expected =
+        2 - std::sin(40 * kPi / 180) + (node_x + 6 - std::cos(40 * kPi / 180)) / std::tan(40 * kPi / 180);
     EXPECT_NEAR(surface.heights_mm.at(i, row), std::min(6.0, expected), 1e-5) << x;
   }
 }
