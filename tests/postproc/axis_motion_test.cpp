@@ -215,27 +215,10 @@ TEST(PlanMotion, TurnsCOnThePole) {
 }
 
 // The axis circles the pole five times: an endless table goes round and round and never back.
-ToolPath circling(int turns, int points_per_turn, bool with_rapids) {
-  ToolPath path = test::empty_path(25);
-  for (int i = 0; i <= turns * points_per_turn; ++i) {
-    const double angle = 2 * kPi * i / points_per_turn;
-    const ToolPose pose{{10 * std::cos(angle), 10 * std::sin(angle), 12}, direction(0.4, angle + 0.5)};
-    const ToolPose above{pose.tip_mm + Vec3(0, 0, 20), pose.axis};
-    const bool lift = with_rapids && i > 0 && i % points_per_turn == 0;
-    if (i == 0) path.moves.push_back({above, MoveKind::kRapid, 0});
-    path.moves.push_back({pose, MoveKind::kCut, 20});
-    if (lift) {
-      path.moves.push_back({above, MoveKind::kRapid, 0});
-      path.moves.push_back({pose, MoveKind::kPlunge, 20});
-    }
-  }
-  return path;
-}
-
 TEST(PlanMotion, EndlessTableWindsOn) {
   const MachineModel machine = test::hostile_machine();
   const WorkSetup setup = work_on_table(machine, {11, 7, 30}, 54);
-  const ToolPath path = circling(5, 90, false);
+  const ToolPath path = test::circling(5, 90, false);
   const AxisMotion motion = plan_motion(machine, setup, path);
   expect_motion_holds(machine, setup, path, motion);
   const double wound = motion.moves.back().joints.inner_rad - motion.moves.front().joints.inner_rad;
@@ -247,16 +230,17 @@ TEST(PlanMotion, LimitedTableUnwindsAtTheTopOrIsRefused) {
   machine.inner.min_rad = -400 * kDeg;
   machine.inner.max_rad = 400 * kDeg;
   const WorkSetup setup = work_on_table(machine, {11, 7, 30}, 54);
-  const ToolPath lifted = circling(5, 90, true);
+  const ToolPath lifted = test::circling(5, 90, true);
   const AxisMotion motion = plan_motion(machine, setup, lifted);
   expect_motion_holds(machine, setup, lifted, motion);
   const auto unwound = std::count_if(motion.moves.begin(), motion.moves.end(), [](const AxisMove& move) {
     return move.kind == MoveKind::kRapid && move.rotary_moves;
   });
   EXPECT_GE(unwound, 3);  // the approach, and 1800 degrees in 800: at least two unwindings
-  EXPECT_THAT(refusal(machine, setup, circling(5, 90, false)), AllOf(HasSubstr("limit"), HasSubstr("split the pass")));
+  EXPECT_THAT(refusal(machine, setup, test::circling(5, 90, false)),
+              AllOf(HasSubstr("limit"), HasSubstr("split the pass")));
   // What just fits is not refused, though the principal angle of its start would be wrong.
-  const ToolPath fits = circling(2, 90, false);
+  const ToolPath fits = test::circling(2, 90, false);
   expect_motion_holds(machine, setup, fits, plan_motion(machine, setup, fits));
 }
 

@@ -61,6 +61,14 @@ Made make_fixed(const ProgramOptions& options = {}) {
               options);
 }
 
+// A table that must be unwound in the middle of the program.
+Made make_unwinding() {
+  MachineModel machine = test::hostile_machine();
+  machine.inner.min_rad = -400 * kDeg;
+  machine.inner.max_rad = 400 * kDeg;
+  return make(machine, work_on_table(machine, {11, 7, 30}, 54), test::circling(5, 60, true));
+}
+
 Made make_turning(const ProgramOptions& options = {}) {
   const MachineModel machine = test::hostile_machine();
   return make(machine, work_on_table(machine, {23, -17, 30}, 54), test::lead_rows(20 * kDeg, 2, 12), options);
@@ -175,6 +183,22 @@ TEST(WriteGrblHal, TurningProgramsHaveAFeedOnEveryLine) {
   }
   EXPECT_EQ(feeds, std::count_if(made.motion.moves.begin(), made.motion.moves.end(),
                                  [](const AxisMove& move) { return move.kind != MoveKind::kRapid; }));
+}
+
+// Up, turn, across, down, in blocks of their own.
+TEST(WriteGrblHal, UnwindsAtTheMachinesTop) {
+  const auto lines = lines_of(make_unwinding().program.text);
+  const auto g93 = std::find(lines.begin(), lines.end(), "G93");
+  const auto g94 = std::find(g93, lines.end(), "G94");
+  int unwound = 0;
+  for (auto up = std::find(g93, g94, "G53 G0 Z0"); up != g94; up = std::find(up + 1, g94, "G53 G0 Z0")) {
+    EXPECT_EQ((up + 1)->find_first_of("XYZF"), std::string::npos) << *(up + 1);
+    EXPECT_NE((up + 1)->find('C'), std::string::npos) << *(up + 1);
+    EXPECT_EQ((up + 2)->find_first_of("BCZF"), std::string::npos) << *(up + 2);
+    EXPECT_EQ((up + 3)->front(), 'Z') << *(up + 3);
+    ++unwound;
+  }
+  EXPECT_GE(unwound, 2);
 }
 
 TEST(WriteGrblHal, NumbersAreWhatEveryControllerReads) {
@@ -421,6 +445,7 @@ TEST(Rs274, ReadsAFixedProgram) {
 
 TEST(Rs274, ReadsATurningProgram) {
   if (!has_rs274()) GTEST_SKIP() << "rs274 is not installed: apt-get install --no-install-recommends linuxcnc-uspace";
+  expect_plan_arrives(make_unwinding(), run_rs274(make_unwinding(), "unwinding"));
   for (const bool numbers : {false, true}) {
     const Made made = make_turning(with_block_numbers(numbers));
     expect_plan_arrives(made, run_rs274(made, "turning"));

@@ -117,4 +117,22 @@ inline ToolPath lead_rows(double lead_rad, int rows, int points, double size_mm 
   return path;
 }
 
+/// A cone cut round and round with the axis leaning outwards; with_rapids: lifted off after every turn.
+inline ToolPath circling(int turns, int points_per_turn, bool with_rapids) {
+  ToolPath path = empty_path(25);
+  for (int i = 0; i <= turns * points_per_turn; ++i) {
+    const double angle = 2 * kPi * i / points_per_turn;
+    const ToolPose pose{{10 * std::cos(angle), 10 * std::sin(angle), 12}, direction(0.4, angle + 0.5)};
+    const auto above = [&](double by) { return ToolPose{pose.tip_mm + Vec3(0, 0, by), pose.axis}; };
+    if (i == 0) path.moves.push_back({above(20), MoveKind::kRapid, 0});
+    path.moves.push_back({pose, MoveKind::kCut, 20});
+    if (with_rapids && i > 0 && i % points_per_turn == 0) {
+      path.moves.push_back({above(20), MoveKind::kLink, 80});
+      path.moves.push_back({above(25), MoveKind::kRapid, 0});
+      path.moves.push_back({pose, MoveKind::kPlunge, 20});
+    }
+  }
+  return path;
+}
+
 }  // namespace lightmill::test
