@@ -348,7 +348,10 @@ Grid<float> StockField::peaks() const {
                   envelope, swept_ball(ball.from, ball.to, ball.radius_mm, x(i) + ridge->x, y(j) + ridge->y).height);
             }
             if (envelope < ridge->height - kMeeting_mm) continue;
-            peak = std::max(peak, envelope - ridge->slope_x * ridge->x - ridge->slope_y * ridge->y);
+            // Where neither of the two made the node, it lies beyond another ridge (two motions of one pass, the node on the
+            // next one's flank): their plane is that much too high over it.
+            const double beyond = std::max(0.0, std::min(around[a].height, around[b].height) - own);
+            peak = std::max(peak, envelope - ridge->slope_x * ridge->x - ridge->slope_y * ridge->y - beyond);
           }
         }
         peaks.values[node] = static_cast<float>(peak);
