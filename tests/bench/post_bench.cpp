@@ -10,7 +10,9 @@ namespace {
 
 using namespace lightmill;
 
-double cpu_seconds() { return double(std::clock()) / CLOCKS_PER_SEC; }
+double cpu_seconds() {
+  return double(std::clock()) / CLOCKS_PER_SEC;
+}
 
 void measure(const char* what, const MachineModel& machine, const WorkSetup& setup, const ToolPath& path) {
   const double t0 = cpu_seconds();
@@ -23,8 +25,8 @@ void measure(const char* what, const MachineModel& machine, const WorkSetup& set
   std::printf("%s: %zu moves -> %zu axis moves, %zu blocks, %.1f MB (%.1f bytes/block)\n", what, path.moves.size(),
               motion.moves.size(), program.blocks, program.text.size() / 1e6,
               double(program.text.size()) / double(program.blocks));
-  std::printf("  plan %.2f s, write with its check %.2f s, check alone %.2f s (%zu faults)\n", t1 - t0, t2 - t1, t3 - t2,
-              faults.size());
+  std::printf("  plan %.2f s, write with its check %.2f s, check alone %.2f s (%zu faults)\n", t1 - t0, t2 - t1,
+              t3 - t2, faults.size());
   std::printf("  tip error %.3f um, axis speed ratio %.3f, slowed moves %zu\n", motion.max_tip_error_um,
               motion.max_axis_speed_ratio, motion.slowed_moves);
 }
