@@ -248,6 +248,81 @@ TEST(StockModel, ScallopsOnACapFollowItsCurvature) {
   EXPECT_LT(highest, expected * 1.01 + 2e-5);
 }
 
+TEST(StockModel, PeaksOnAWavySurfaceEqualADenseSearch) {
+  // Faceted passes over strong waves; the truth is the envelope searched densely between the nodes.
+  const double r = 2;
+  const auto design = [](double x, double y) {
+    return 3 + 0.25 * std::sin(0.9 * x + 0.4) * std::cos(0.8 * y) + 0.3 * x - 0.2 * y;
+  };
+  const auto slope = [&](double x, double y) {
+    const double e = 1e-5;
+    return Vec2((design(x + e, y) - design(x - e, y)) / (2 * e), (design(x, y + e) - design(x, y - e)) / (2 * e));
+  };
+  Path path;
+  std::vector<std::pair<Vec3, Vec3>> near;  // motions of the centre that matter to the little block
+  for (int k = -12; k <= 12; ++k) {
+    Path pass;
+    for (int part = 0; part <= 34; ++part) {
+      const double x = -2.5 + 0.15 * part + 0.004 * k;
+      const double y = 0.135 * k + 0.011;
+      const Vec2 g = slope(x, y);
+      pass.push_back(pose_of_centre(Vec3(x, y, design(x, y)) + r * Vec3(-g.x(), -g.y(), 1).normalized(), r));
+    }
+    for (std::size_t n = 1; n < pass.size(); ++n) {
+      near.emplace_back(pass[n - 1].tip_mm + r * Vec3::UnitZ(), pass[n].tip_mm + r * Vec3::UnitZ());
+    }
+    path.insert(path.end(), pass.begin(), pass.end());
+    // Back high above.
+    path.push_back({pass.back().tip_mm + Vec3(0, 0, 9), Vec3::UnitZ()});
+    path.push_back({pass.front().tip_mm + Vec3(0, 0, 9), Vec3::UnitZ()});
+  }
+  const MachinedSurface surface = cut({{0.6, 0.5}, 4}, 0.02, ball(4), path);
+  const auto envelope = [&](double x, double y) {
+    double lowest = 1e9;
+    for (const auto& [a, b] : near) {
+      const Vec3 d = b - a;
+      const auto at = [&](double t) {
+        const Vec3 c = a + t * d;
+        const double q = r * r - (x - c.x()) * (x - c.x()) - (y - c.y()) * (y - c.y());
+        return q < 0 ? 1e9 : c.z() - std::sqrt(q);
+      };
+      if (at(0.5) > lowest + 0.02) continue;
+      double low = 0;
+      double high = 1;
+      for (int k = 0; k < 30; ++k) {
+        const double m1 = low + (high - low) * 0.382;
+        const double m2 = low + (high - low) * 0.618;
+        (at(m1) < at(m2) ? high : low) = at(m1) < at(m2) ? m2 : m1;
+      }
+      lowest = std::min(lowest, at((low + high) / 2));
+    }
+    return lowest;
+  };
+  double highest_peak = 0;
+  double highest_found = 0;
+  for (int j = 1; j + 1 < surface.heights_mm.height; ++j) {
+    for (int i = 1; i + 1 < surface.heights_mm.width; ++i) {
+      const double x = surface.extent.min.x() + surface.pitch_mm * i;
+      const double y = surface.extent.min.y() + surface.pitch_mm * j;
+      const double peak = surface.peaks_mm.at(i, j) - design(x, y);
+      double found = 0;
+      for (int b = -4; b <= 4; ++b) {
+        for (int a = -2; a <= 2; ++a) {
+          const double px = x + a * 0.005;
+          const double py = y + b * 0.0025;
+          found = std::max(found, envelope(px, py) - design(px, py));
+        }
+      }
+      highest_peak = std::max(highest_peak, peak);
+      highest_found = std::max(highest_found, found);
+      // Between samples a ridge rises by less than its flanks' slope (0.04) times half their distance: 0.05 um.
+      EXPECT_LT(peak, found + 7e-5) << x << " " << y;
+    }
+  }
+  EXPECT_GT(highest_found, 1e-3);
+  EXPECT_NEAR(highest_peak, highest_found, 5e-5);
+}
+
 TEST(StockModel, ABallLeavesTheSameSurfaceHoweverItsAxisLeans) {
   const double r = 2;
   const Blank blank{{8, 5}, 5};
