@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "cli/child_process.h"
+#include "cli/commands.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/text.h"
@@ -62,7 +63,9 @@ std::string last_words(const fs::path& log) {
   std::string text = read_whole(log);
   while (!text.empty() && text.back() == '\n') text.pop_back();
   const std::size_t start = text.rfind('\n');
-  return start == std::string::npos ? text : text.substr(start + 1);
+  const std::string line = start == std::string::npos ? text : text.substr(start + 1);
+  constexpr std::string_view kName = "lightmill: ";
+  return line.starts_with(kName) ? line.substr(kName.size()) : line;
 }
 
 /// Removes the link to the pseudo-terminal when the child could not do it itself.
@@ -162,6 +165,7 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   for (int tries = 0; !fs::exists(link, error); ++tries) {
     monitor.check();
     if (const auto code = child.wait(std::chrono::milliseconds(10))) {
+      if (*code == kExitBadInput) throw InputError(last_words(log));
       throw IoError("the simulated machine did not start (exit code " + std::to_string(*code) + "): " + last_words(log));
     }
     if (tries > 3000) throw IoError("the simulated machine did not start within 30 s; see " + log.string());

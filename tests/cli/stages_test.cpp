@@ -129,7 +129,8 @@ TEST(Chain, ADryRunIsNoEcho) {
   ASSERT_EQ(lightmill_command({"make", tiny_job(scratch).string(), "-o", run}).code, 0);
   const auto kinds_of = [&] {
     std::string kinds;
-    for (const auto& fault : json::parse(slurp(run + "/dry_run/faults.json"))["faults"]) kinds += fault["kind"].get<std::string>() + " ";
+    const json list = json::parse(slurp(run + "/dry_run/faults.json"));
+    for (const auto& fault : list["faults"]) kinds += fault["kind"].get<std::string>() + " ";
     return kinds;
   };
   const auto expect_fault = [&](const std::string& what, const std::vector<std::string>& options) {
@@ -162,8 +163,9 @@ TEST(Chain, ADryRunIsNoEcho) {
   EXPECT_THAT(expect_fault("a shifted pivot", {"--machine", (scratch / "shifted.toml").string()}), ::testing::AnyOf(HasSubstr("gouge"), HasSubstr("cusp")));
 
   // A finishing tool 10 um longer, then shorter, than the program believes.
-  for (const char* length : {"length_mm = 85.01", "length_mm = 84.99"}) {
-    spill(scratch / "tool.toml", replaced(slurp(fixture("cutters/finish_4mm_ball.toml")), "length_mm = 85.0", length));
+  for (const char* length : {"85.01", "84.99"}) {
+    const std::string tool = replaced(slurp(fixture("cutters/finish_4mm_ball.toml")), "length_mm = 85.0", std::string("length_mm = ") + length);
+    spill(scratch / "tool.toml", replaced(tool, "[50.0, 85.0,", std::string("[50.0, ") + length + ","));
     EXPECT_THAT(expect_fault(length, {"--cutters", fixture("cutters/rough_10mm.toml").string(), "--cutters",
                                       fixture("cutters/semi_finish_4mm_ball.toml").string(), "--cutters", (scratch / "tool.toml").string()}),
                 ::testing::AnyOf(HasSubstr("gouge"), HasSubstr("cusp")));
