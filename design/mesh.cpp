@@ -310,7 +310,11 @@ class PlyReader {
       mesh.vertices[v] = {values[0], values[1], values[2]};
       if (has_normals) {
         const Vec3 normal(values[3], values[4], values[5]);
-        mesh.normals[v] = normal.norm() > 0 ? Vec3(normal.normalized()) : Vec3(0, 0, 1);
+        const double length = normal.norm();
+        constexpr double kRounded = 1e-9;  // what is unit in double stays as it is, to the bit
+        mesh.normals[v] = !(length > 0)                     ? Vec3(0, 0, 1)
+                          : std::abs(length - 1) < kRounded ? normal
+                                                            : Vec3(normal / length);
       }
     }
     return has_normals;

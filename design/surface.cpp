@@ -25,7 +25,20 @@ using detail::OneRing;
 
 constexpr int kFirstGuessTurns = 60;           // of Fresnel mapping and integration; each gains about a digit
 constexpr double kFirstGuessTolerance = 1e-9;  // mm
-constexpr int kStepsPerTurn = 3;               // of Levenberg-Marquardt: the target normals move on between turns
+
+/// How a turn minimises: the target normals move on between turns, so that none needs to be driven to its end.
+struct Pace {
+  int steps;
+  double trust_radius;
+};
+/// Heights of the lens's own size are softer than those of single vertices by (mesh size)^2: any damping would hold
+/// them.
+constexpr Pace kHeightsOnly{3, 1e10};
+/// A vertex that slides into a crease changes its normals by much: undamped steps overshoot and are refused.
+constexpr Pace kSliding{5, 10};
+/// The same with fewer steps when so many vertices slide that one costs what the whole stage should.
+constexpr Pace kMuchSliding{3, 10};
+constexpr double kMuch = 0.3;
 
 SurfaceMesh grid_mesh(const Lens& lens, int longer) {
   const double pitch = lens.size_mm.maxCoeff() / (longer - 1);
@@ -382,10 +395,17 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
     const std::vector<Vec3> wanted = detail::fresnel_normals(positions, targets_mm, lens, receiver);
     energy.target_normals = ring_targets(wanted, positions, rings);
     energy.target_slopes = detail::slopes_of(wanted);
-    // The first turn brings the heights to rest; what is wrong then, only sliding can mend.
-    if (turn > 0) freedom = near_creases(energy, positions, most_freedom);
+    // The first turn brings the heights to rest. What is wrong then, only sliding can mend; it is damped, so that the
+    // last turn brings the heights to rest again.
+    const bool may_slide = turn > 0 && turn + 1 < options.outer_iterations;
+    freedom.assign(count, Freedom::kHeight);
+    if (may_slide) freedom = near_creases(energy, positions, most_freedom);
+    const auto sliding = static_cast<double>(count - std::count(freedom.begin(), freedom.end(), Freedom::kHeight));
+    const Pace pace = sliding == 0                                   ? kHeightsOnly
+                      : sliding < kMuch * static_cast<double>(count) ? kSliding
+                                                                     : kMuchSliding;
     const std::vector<Vec3> before = positions;
-    const detail::MinimiserReport report = detail::minimise(energy, kStepsPerTurn, positions, part);
+    const detail::MinimiserReport report = detail::minimise(energy, pace.steps, pace.trust_radius, positions, part);
     hold_back(surface.mesh.triangles, before, least_area, positions);
     put_on_floor(positions, lens.thickness_mm);
     summary.energy_history.push_back(report.final_energy);
@@ -395,7 +415,7 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
       summary.final_height_change_mm =
           std::max(summary.final_height_change_mm, std::abs(positions[v].z() - before[v].z()));
     }
-    if (summary.final_height_change_mm <= options.height_tolerance_mm) {
+    if (turn > 0 && sliding == 0 && summary.final_height_change_mm <= options.height_tolerance_mm) {
       summary.reason = "heights at rest";
       break;
     }

@@ -258,8 +258,8 @@ class StopCallback : public ceres::IterationCallback {
 
 }  // namespace
 
-MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vector<Vec3>& positions,
-                         const Monitor& monitor) {
+MinimiserReport minimise(const CompoundEnergy& energy, int iterations, double trust_radius,
+                         std::vector<Vec3>& positions, const Monitor& monitor) {
   const int count = static_cast<int>(positions.size());
   const double per_length = 1 / energy.edge_mm;
   const double integration = std::sqrt(energy.weights.integration) / energy.slope_scale;
@@ -348,7 +348,7 @@ MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vect
   options.max_num_iterations = iterations;
   // Heights of the lens's own size are soft against the heights of single vertices: a small trust region would hold
   // them.
-  options.initial_trust_region_radius = 1e10;
+  options.initial_trust_region_radius = trust_radius;
   options.function_tolerance = 1e-7;
   options.gradient_tolerance = 1e-16;
   options.parameter_tolerance = 1e-14;

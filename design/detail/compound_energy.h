@@ -35,10 +35,10 @@ struct MinimiserReport {
   std::string message;
 };
 
-/// Levenberg-Marquardt from `positions`, at most `iterations` steps. Throws NumericalError when Ceres finds no usable
-/// solution.
-MinimiserReport minimise(const CompoundEnergy& energy, int iterations, std::vector<Vec3>& positions,
-                         const Monitor& monitor);
+/// Levenberg-Marquardt from `positions`, at most `iterations` steps, damped by the equations' diagonal over
+/// `trust_radius`. Throws NumericalError when Ceres finds no usable solution.
+MinimiserReport minimise(const CompoundEnergy& energy, int iterations, double trust_radius,
+                         std::vector<Vec3>& positions, const Monitor& monitor);
 
 /// The angle-weighted normal of a vertex from its own and its ring's positions (in ring order), and its derivatives:
 /// d normal / d ring vertex k is jacobians[k + 1], with respect to the vertex itself jacobians[0]. For tests and the

@@ -1,5 +1,5 @@
-// Benchmarks of the surface stage at full size: surface_bench [point|circle|rings|portrait|letter|heights]... [--mesh
-// N]
+// Benchmarks of the surface stage at full size: surface_bench [point|circle|portrait|horse|rings|letter|heights]...
+// [--mesh N]
 // [--turns N] [--out DIR].
 // Prints one line per figure; pictures go to the folder named by --out, if any.
 #include <sys/resource.h>
@@ -114,6 +114,38 @@ void circle(const Setting& setting) {
   std::printf("circle: RMS height error %.4f um\n", oval_rms_um(s, lens, receiver));
 }
 
+/// From a picture or drawing to the light behind the lens, transport included; its measures, and the picture under
+/// --out.
+void picture(const char* name, const std::string& image, const std::string& drawing, double white,
+             const Setting& setting) {
+  TargetSpec spec;
+  spec.image = image;
+  spec.drawing = drawing;
+  const TargetLight target = load_target(spec);
+  const Lens lens;
+  const Receiver receiver;
+  const double start = cpu_seconds();
+  const TransportMap map = solve_transport({}, target);
+  const double transported = cpu_seconds();
+  SurfaceOptions options;
+  options.mesh = setting.mesh;
+  options.outer_iterations = setting.turns;
+  const OpticalSurface s = solve_surface(lens, receiver, map, options);
+  print_surface(name, s, cpu_seconds() - transported);
+  const Caustic c = trace_mesh(s.mesh, lens, receiver, target.extent);
+  const CausticMeasures m = measure_caustic(c, target);
+  double landed = 0;
+  for (double f : c.flux.values) landed += f;
+  std::printf("%s: transport %.1f s CPU; l1_error %.4f, psnr %.2f dB, outside support %.4f, light - 1 = %.1e\n", name,
+              transported - start, m.l1_error, m.psnr_db, m.flux_outside_support,
+              landed + c.outside_extent + c.totally_reflected - 1);
+  if (!setting.out.empty()) {
+    write_png8(std::filesystem::path(setting.out) / (std::string(name) + ".png"),
+               display_picture(c.flux, spec.viewed_from, white));
+    write_ply(std::filesystem::path(setting.out) / (std::string(name) + ".ply"), s.mesh);
+  }
+}
+
 void heights(const Setting&) {
   // A lens of raw-milled look: waves of 0.15 mm pitch on a sphere, 25 million nodes.
   constexpr int kNodes = 5001;
@@ -157,10 +189,15 @@ int main(int argc, char** argv) {
       cases.push_back(word);
     }
   }
-  if (cases.empty()) cases = {"point", "circle", "heights"};
+  if (cases.empty()) cases = {"point", "circle", "portrait", "rings", "letter", "heights"};
   for (const std::string& name : cases) {
     if (name == "point") point(setting);
     if (name == "circle") circle(setting);
     if (name == "heights") heights(setting);
+    const std::string pictures = std::string(LIGHTMILL_FIXTURES) + "/pictures/";
+    if (name == "portrait") picture("portrait", pictures + "astronaut.png", "", 3.4, setting);
+    if (name == "horse") picture("horse", pictures + "horse.png", "", 6, setting);
+    if (name == "rings") picture("rings", "", pictures + "rings.svg", 12, setting);
+    if (name == "letter") picture("letter", "", pictures + "letter_f.svg", 8, setting);
   }
 }

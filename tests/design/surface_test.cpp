@@ -1,0 +1,347 @@
+#include "design/surface.h"
+
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include "design/caustic.h"
+#include "design/core/errors.h"
+#include "design/core/parallel.h"
+#include "design/detail/compound_energy.h"
+#include "design/detail/natural_neighbour.h"
+
+namespace lightmill {
+namespace {
+
+double any_in(double low, double high) {
+  return low + (high - low) * (*rc::gen::inRange(0, 1000001)) * 1e-6;
+}
+
+double planar_area(const SurfaceMesh& mesh) {
+  double area = 0;
+  for (const auto& t : mesh.triangles) {
+    const Vec3 ab = mesh.vertices[t[1]] - mesh.vertices[t[0]];
+    const Vec3 ac = mesh.vertices[t[2]] - mesh.vertices[t[0]];
+    area += (ab.x() * ac.y() - ab.y() * ac.x()) / 2;
+  }
+  return area;
+}
+
+double least_angle(const SurfaceMesh& mesh) {
+  double least = kPi;
+  for (const auto& t : mesh.triangles) {
+    for (int k = 0; k < 3; ++k) {
+      const Vec3 u = mesh.vertices[t[(k + 1) % 3]] - mesh.vertices[t[k]];
+      const Vec3 w = mesh.vertices[t[(k + 2) % 3]] - mesh.vertices[t[k]];
+      least = std::min(least, std::atan2(u.cross(w).norm(), u.dot(w)));
+    }
+  }
+  return least;
+}
+
+TEST(StartMesh, ARectangleIsFilledWithSquareCells) {
+  Lens lens;
+  lens.size_mm = {60, 40};
+  const SurfaceMesh mesh = start_mesh(lens, 31);
+  EXPECT_EQ(mesh.vertices.size(), 31u * 21u);
+  EXPECT_NEAR(planar_area(mesh), 2400, 1e-9);
+  EXPECT_EQ(count_inverted(mesh), 0);
+  EXPECT_NEAR(least_angle(mesh), kPi / 4, 1e-12);
+  for (const Vec3& v : mesh.vertices) EXPECT_EQ(v.z(), lens.thickness_mm);
+}
+
+TEST(StartMesh, ADiskHasARoundBorderAndNoSlivers) {
+  Lens lens;
+  lens.shape = Lens::Shape::kDisk;
+  lens.size_mm = {50, 50};
+  const SurfaceMesh mesh = start_mesh(lens, 41);
+  EXPECT_EQ(mesh.vertices.size(), 1u + 3 * 20 * 21);
+  EXPECT_EQ(count_inverted(mesh), 0);
+  EXPECT_GT(least_angle(mesh), 30 * kPi / 180);
+  EXPECT_NEAR(planar_area(mesh), 120 * 0.5 * 25 * 25 * std::sin(2 * kPi / 120), 1e-9);  // the regular 120-gon
+  const std::vector<bool> border = border_vertices(mesh);
+  EXPECT_EQ(std::count(border.begin(), border.end(), true), 120);
+  for (std::size_t v = 0; v < border.size(); ++v) {
+    if (border[v]) {
+      EXPECT_NEAR(mesh.vertices[v].head<2>().norm(), 25, 1e-12);
+    }
+  }
+  EXPECT_THROW(start_mesh(lens, 2), InputError);
+}
+
+/// Cells of a regular grid of sites, slightly shaken, with the map given at the centroids.
+TransportMap synthetic_map(const Vec2& size, int columns, int rows, const std::function<Vec2(const Vec2&)>& target) {
+  TransportMap map;
+  for (int j = 0; j < rows; ++j) {
+    for (int i = 0; i < columns; ++i) {
+      const Vec2 centroid = size.cwiseProduct(Vec2((i + 0.5) / columns - 0.5, (j + 0.5) / rows - 0.5));
+      map.source_centroids_mm.push_back(centroid);
+      map.sites_mm.push_back(centroid);
+      map.source_masses.push_back(1.0 / (columns * rows));
+      map.target_masses.push_back(1.0 / (columns * rows));
+      map.weights_mm2.push_back(0);
+      map.target_centroids_mm.push_back(target(centroid));
+    }
+  }
+  return map;
+}
+
+TEST(InterpolateMap, IsExactForLinearMapsUpToTheCorners) {
+  const SourceLight source{SourceLight::Shape::kRectangle, {60, 40}};
+  const auto linear = [](const Vec2& p) { return Vec2(3 + 0.5 * p.x() - 0.2 * p.y(), -7 - 0.2 * p.x() + 1.3 * p.y()); };
+  Lens lens;
+  lens.size_mm = source.size_mm;
+  std::vector<Vec2> points;
+  for (const Vec3& v : start_mesh(lens, 41).vertices) points.emplace_back(v.head<2>());
+  const std::vector<Vec2> values = interpolate_map(synthetic_map(source.size_mm, 30, 20, linear), source, points);
+  for (std::size_t p = 0; p < points.size(); ++p) {
+    ASSERT_LT((values[p] - linear(points[p])).norm(), 1e-9) << points[p].transpose();
+  }
+}
+
+TEST(InterpolateMap, DoesNotCarryACreaseBeyondTheTarget) {
+  // All light goes to one of two points: nothing may land anywhere but between them.
+  const SourceLight source{SourceLight::Shape::kRectangle, {60, 40}};
+  const auto torn = [](const Vec2& p) { return p.x() + 0.3 * p.y() < 4 ? Vec2(-20, 5) : Vec2(20, 5); };
+  Lens lens;
+  lens.size_mm = source.size_mm;
+  std::vector<Vec2> points;
+  for (const Vec3& v : start_mesh(lens, 41).vertices) points.emplace_back(v.head<2>());
+  int between = 0;
+  for (const Vec2& value : interpolate_map(synthetic_map(source.size_mm, 30, 20, torn), source, points)) {
+    ASSERT_LE(std::abs(value.x()), 20 + 1e-9);
+    ASSERT_NEAR(value.y(), 5, 1e-9);
+    between += std::abs(value.x()) < 19;
+  }
+  EXPECT_GT(between, 0);
+  EXPECT_LT(between, 41 * 4);
+}
+
+TEST(InterpolateMap, WorksOnADisk) {
+  const SourceLight source{SourceLight::Shape::kDisk, {40, 40}};
+  TransportMap map =
+      synthetic_map({40, 40}, 30, 30, [](const Vec2& p) { return Vec2(1 - 0.5 * p.x(), 2 + 0.7 * p.y()); });
+  TransportMap disk;
+  for (std::size_t i = 0; i < map.source_masses.size(); ++i) {
+    if (map.source_centroids_mm[i].norm() > 19.6) continue;
+    disk.source_centroids_mm.push_back(map.source_centroids_mm[i]);
+    disk.target_centroids_mm.push_back(map.target_centroids_mm[i]);
+  }
+  disk.source_masses.assign(disk.source_centroids_mm.size(), 1.0 / disk.source_centroids_mm.size());
+  std::vector<Vec2> points;
+  for (int k = 0; k < 360; ++k) points.emplace_back(20 * std::cos(k * kPi / 180), 20 * std::sin(k * kPi / 180));
+  const std::vector<Vec2> values = interpolate_map(disk, source, points);
+  for (std::size_t p = 0; p < points.size(); ++p) {
+    EXPECT_LT((values[p] - Vec2(1 - 0.5 * points[p].x(), 2 + 0.7 * points[p].y())).norm(), 0.3)
+        << points[p].transpose();
+  }
+}
+
+RC_GTEST_PROP(RingNormal, DerivativesAreThoseOfFiniteDifferences, ()) {
+  const bool closed = *rc::gen::inRange(0, 2);
+  const int count = *rc::gen::inRange(3, 9);
+  Vec3 centre(any_in(-0.1, 0.1), any_in(-0.1, 0.1), any_in(-0.3, 0.3));
+  std::vector<Vec3> ring;
+  for (int k = 0; k < count; ++k) {
+    const double angle = (closed ? 2 * kPi : kPi) * (k + any_in(-0.3, 0.3)) / count;
+    ring.emplace_back(any_in(0.6, 1.5) * std::cos(angle), any_in(0.6, 1.5) * std::sin(angle), any_in(-0.4, 0.4));
+  }
+  std::vector<Eigen::Matrix3d> jacobians;
+  detail::ring_normal(centre, ring, closed, &jacobians);
+  constexpr double kStep = 1e-6;
+  for (int k = 0; k <= count; ++k) {
+    Vec3& moved = k == 0 ? centre : ring[k - 1];
+    for (int axis = 0; axis < 3; ++axis) {
+      const double here = moved[axis];
+      moved[axis] = here + kStep;
+      const Vec3 after = detail::ring_normal(centre, ring, closed, nullptr);
+      moved[axis] = here - kStep;
+      const Vec3 before = detail::ring_normal(centre, ring, closed, nullptr);
+      moved[axis] = here;
+      RC_ASSERT(((after - before) / (2 * kStep) - jacobians[k].col(axis)).norm() < 1e-6);
+    }
+  }
+}
+
+/// RMS distance in z from the Cartesian oval n z + sqrt(d^2 + (zr - z)^2) = C, with C fitted to the surface;
+/// `distance(p)` is how far from p, in the plane, its light shall go. This is the equation of equal optical paths, not
+/// our code.
+double oval_rms_mm(const std::vector<Vec3>& vertices, double n, double zr,
+                   const std::function<double(const Vec3&)>& distance) {
+  double constant = 0;
+  for (const Vec3& v : vertices) constant += (n * v.z() + std::hypot(distance(v), zr - v.z())) / vertices.size();
+  double rms = 0;
+  for (int turn = 0; turn < 20; ++turn) {
+    double sum = 0, squares = 0, shift = 0;
+    for (const Vec3& v : vertices) {
+      double z = v.z(), slope = 1;
+      for (int k = 0; k < 20; ++k) {
+        const double way = std::hypot(distance(v), zr - z);
+        slope = n - (zr - z) / way;
+        z -= (n * z + way - constant) / slope;
+      }
+      sum += v.z() - z;
+      squares += (v.z() - z) * (v.z() - z);
+      shift += 1 / slope;
+    }
+    rms = std::sqrt(squares / vertices.size());
+    constant += sum / shift;
+  }
+  return rms;
+}
+
+TEST(SolveSurface, APointTargetAsksForTheCartesianOval) {
+  Lens lens;
+  lens.size_mm = {100, 70};
+  const Receiver receiver;
+  SurfaceOptions options;
+  options.mesh = 101;
+  const Vec2 point(12, -5);  // off-centre
+  const std::vector<Vec2> targets(start_mesh(lens, options.mesh).vertices.size(), point);
+  const OpticalSurface surface = solve_surface(lens, receiver, targets, options);
+  const double zr = lens.thickness_mm + receiver.distance_mm;
+  const double rms = oval_rms_mm(surface.mesh.vertices, lens.refractive_index, zr,
+                                 [&](const Vec3& v) { return (v.head<2>() - point).norm(); });
+  EXPECT_LT(rms, 1e-3);
+  EXPECT_EQ(surface.summary.reason, "heights at rest");
+  EXPECT_EQ(surface.summary.inverted_triangles, 0);
+  // The height gauge: the thinnest place is as thick as asked for.
+  double lowest = 1e9;
+  for (const Vec3& v : surface.mesh.vertices) lowest = std::min(lowest, v.z());
+  EXPECT_NEAR(lowest, lens.thickness_mm, 1e-12);
+  EXPECT_GT(surface.summary.height_range_mm, 5);
+  EXPECT_TRUE(std::isinf(surface.summary.min_concave_radius_mm));
+  // The outline is where it was, and the light arrives: 99 % of it within a quarter of a millimetre.
+  for (std::size_t v = 0; v < targets.size(); ++v) {
+    EXPECT_EQ(surface.mesh.vertices[v].head<2>(), surface.entry_mm[v]);
+  }
+  const Caustic c = trace_mesh(surface.mesh, lens, receiver, {point - Vec2(0.25, 0.25), point + Vec2(0.25, 0.25)});
+  EXPECT_LT(c.outside_extent, 0.01);
+}
+
+TEST(SolveSurface, ACircleTargetAsksForTheRotatedOval) {
+  Lens lens;
+  lens.shape = Lens::Shape::kDisk;
+  const Receiver receiver;
+  SurfaceOptions options;
+  options.mesh = 121;
+  constexpr double kRho = 25;
+  std::vector<Vec2> targets;
+  for (const Vec3& p : start_mesh(lens, options.mesh).vertices) {
+    const double r = p.head<2>().norm();
+    targets.push_back(r > 0 ? Vec2(p.head<2>() * (kRho / r)) : Vec2(0, 0));
+  }
+  const OpticalSurface surface = solve_surface(lens, receiver, targets, options);
+  EXPECT_LT(oval_rms_mm(surface.mesh.vertices, lens.refractive_index, lens.thickness_mm + receiver.distance_mm,
+                        [&](const Vec3& v) { return v.head<2>().norm() - kRho; }),
+            2e-3);
+  EXPECT_EQ(surface.summary.inverted_triangles, 0);
+  EXPECT_LT(surface.summary.min_concave_radius_mm, 1000);  // the tip in the middle is a dent
+}
+
+TEST(SolveSurface, BendsOneCreaseWhereTheLightParts) {
+  // Left of an oblique line the light goes to one point, right of it to another: two ovals that meet in a valley.
+  Lens lens;
+  lens.size_mm = {40, 30};
+  Receiver receiver;
+  receiver.distance_mm = 200;
+  SurfaceOptions options;
+  options.mesh = 61;
+  std::vector<Vec2> targets;
+  // The transport map to two points of equal light: cells part along a line across the way between the points.
+  for (const Vec3& p : start_mesh(lens, options.mesh).vertices) {
+    targets.push_back(p.x() + 0.4 * p.y() < 0.13 ? Vec2(-10, -4) : Vec2(10, 4));
+  }
+  const OpticalSurface surface = solve_surface(lens, receiver, targets, options);
+  EXPECT_EQ(surface.summary.inverted_triangles, 0);
+  const Caustic c = trace_mesh(surface.mesh, lens, receiver, Box2::centred({30, 20}), {.pixels = 60});
+  double near_points = 0, everything = c.outside_extent + c.totally_reflected;
+  for (int j = 0; j < c.flux.height; ++j) {
+    for (int i = 0; i < c.flux.width; ++i) {
+      const Vec2 p(-15 + (i + 0.5) * 0.5, -10 + (j + 0.5) * 0.5);
+      everything += c.flux.at(i, j);
+      if (std::min((p - Vec2(10, 4)).norm(), (p - Vec2(-10, -4)).norm()) < 1) near_points += c.flux.at(i, j);
+    }
+  }
+  EXPECT_NEAR(everything, 1, 1e-9);
+  // The valley is 32 mm long; without sliding a cell of 0.67 mm on either side of it would miss: 3.6 % of the light.
+  EXPECT_GT(near_points, 0.97);
+  // Vertices slid, and only near the valley; the outline kept its shape.
+  double slid = 0;
+  for (std::size_t v = 0; v < targets.size(); ++v) {
+    const Vec2 way = surface.mesh.vertices[v].head<2>() - surface.entry_mm[v];
+    const Vec2& from = surface.entry_mm[v];
+    slid = std::max(slid, way.norm());
+    if (std::abs(from.x() + 0.4 * from.y() - 0.13) > 8) {
+      EXPECT_LT(way.norm(), 0.02);
+    }
+    if (std::abs(from.x()) == 20) {
+      EXPECT_EQ(way.x(), 0);
+    }
+    if (std::abs(from.y()) == 15) {
+      EXPECT_EQ(way.y(), 0);
+    }
+  }
+  EXPECT_GT(slid, 0.02);
+}
+
+TEST(SolveSurface, DoesNotDependOnTheThreadCount) {
+  Lens lens;
+  lens.size_mm = {30, 20};
+  SurfaceOptions options;
+  options.mesh = 31;
+  options.outer_iterations = 3;
+  const TransportMap map = synthetic_map(lens.size_mm, 24, 16, [](const Vec2& p) {
+    return Vec2(p.x() < 1 ? -10 + 0.1 * p.x() : 8 + 0.2 * p.x(), 0.5 * p.y());
+  });
+  set_thread_count(1);
+  const OpticalSurface one = solve_surface(lens, {}, map, options);
+  set_thread_count(3);
+  const OpticalSurface three = solve_surface(lens, {}, map, options);
+  set_thread_count(0);
+  EXPECT_EQ(one.mesh.vertices, three.mesh.vertices);
+}
+
+TEST(SolveSurface, WeightsMeanTheSameAtEverySize) {
+  // The same lens, ten times smaller in everything: the same surface, ten times smaller.
+  SurfaceOptions options;
+  options.mesh = 31;
+  options.outer_iterations = 3;
+  options.height_tolerance_mm = 0;
+  std::vector<std::vector<Vec3>> surfaces;
+  for (double scale : {1.0, 0.1}) {
+    Lens lens;
+    lens.size_mm = Vec2(40, 30) * scale;
+    lens.thickness_mm = 8 * scale;
+    Receiver receiver;
+    receiver.distance_mm = 200 * scale;
+    std::vector<Vec2> targets;
+    for (const Vec3& p : start_mesh(lens, options.mesh).vertices) {
+      targets.push_back(scale * (p.x() + 0.4 * p.y() < 0.13 * scale ? Vec2(-10, -4) : Vec2(10, 4)));
+    }
+    surfaces.push_back(solve_surface(lens, receiver, targets, options).mesh.vertices);
+    for (Vec3& v : surfaces.back()) v /= scale;
+  }
+  double most = 0;
+  for (std::size_t v = 0; v < surfaces[0].size(); ++v) most = std::max(most, (surfaces[0][v] - surfaces[1][v]).norm());
+  EXPECT_LT(most, 1e-4);
+}
+
+TEST(SolveSurface, SaysWhatCannotBe) {
+  Lens lens;
+  lens.size_mm = {20, 20};
+  SurfaceOptions options;
+  options.mesh = 5;
+  EXPECT_THROW(solve_surface(lens, {}, std::vector<Vec2>(24, Vec2(0, 0)), options), InputError);    // one too few
+  EXPECT_THROW(solve_surface(lens, {}, std::vector<Vec2>(25, Vec2(400, 0)), options), InputError);  // 53 degrees
+  Monitor stop;
+  stop.should_stop = [] { return true; };
+  EXPECT_THROW(solve_surface(lens, {}, std::vector<Vec2>(25, Vec2(0, 0)), options, stop), Stopped);
+}
+
+}  // namespace
+}  // namespace lightmill
