@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <deque>
 #include <limits>
 #include <numeric>
@@ -104,12 +102,10 @@ class Level {
     double factor = kNarrowing;
     while (measure_.radius > radius && now.empty == 0) {
       const double from = measure_.radius;
-      const Laplacian second = hessian(now);
-      const Potential tangent = second.solve(radius_derivative(now));
-      const Potential corrected = plus(now.psi, -1, second.solve(now.gradient));
+      const auto [corrected, tangent] = predict(now);
       Evaluation next;
       for (;; factor = std::sqrt(factor)) {
-        measure_.radius = from * factor < radius * std::sqrt(kNarrowing) ? radius : from * factor;
+        measure_.radius = std::max(radius, from * factor);
         next = evaluate(plus(corrected, measure_.radius - from, tangent));
         if (next.l1_error < kNarrowingError || factor > kLeastNarrowing) break;
       }
@@ -118,6 +114,12 @@ class Level {
       factor = std::max(kNarrowing, factor * factor);
     }
     return now;
+  }
+  /// The potential that `now` leads to at another radius, to first order.
+  Potential extrapolated(const Evaluation& now, double radius) {
+    if (now.empty > 0) return now.psi;
+    const auto [corrected, tangent] = predict(now);
+    return plus(corrected, radius - measure_.radius, tangent);
   }
   [[nodiscard]] int evaluations() const { return evaluations_; }
 
@@ -141,9 +143,6 @@ class Level {
       e.empty += mass < kEmpty * nu;
     }
     e.psi = std::move(psi);
-    if (std::getenv("LM_TRACE"))
-      std::fprintf(stderr, "  n %zu r %.4g eval %d value %.12g %s\n", n, measure_.radius, evaluations_, e.value,
-                   e.words().c_str());
     return e;
   }
 
@@ -231,6 +230,15 @@ class Level {
     for (const auto& edge : sampling_.edges)
       edges.push_back({edge.a, edge.b, kJoin * total / metric_total * edge.weight});
     return {static_cast<int>(e.psi.size()), edges};
+  }
+
+  struct Prediction {
+    Potential corrected;  // by a Newton step
+    Potential tangent;    // d psi / d radius
+  };
+  Prediction predict(const Evaluation& e) {
+    const Laplacian second = hessian(e);
+    return {plus(e.psi, -1, second.solve(e.gradient)), second.solve(radius_derivative(e))};
   }
 
   /// d mu(C_i) / d radius at constant potential.
@@ -343,6 +351,13 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
                                  Vec2(extent.max.x(), extent.min.y()).norm()}) +
                        options.point_radius_mm;
 
+  const bool singular = !(target.curves.empty() && target.points.empty());
+  const auto start_radius = [&](const Sampling& sampling) {
+    const double spacing =
+        std::sqrt(12 * sampling.spread.x() * sampling.spread.y() / static_cast<double>(sampling.sites.size()));
+    return std::max(options.point_radius_mm, kStartRadius * spacing);
+  };
+
   TransportMap map;
   Potential psi;
   std::optional<Evaluation> result;
@@ -376,8 +391,7 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
       }
     }
     for (const auto& point : target.points) measure.disks.push_back({point.position_mm - spread.mean, point.flux});
-    const double spacing = std::sqrt(12 * sampling.spread.x() * sampling.spread.y() / n);
-    measure.radius = std::max(options.point_radius_mm, kStartRadius * spacing);
+    measure.radius = start_radius(sampling);
 
     if (psi.empty()) {
       // The affine map with the right centre and spreads.
@@ -394,12 +408,15 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
     result = solver.solve(std::move(psi), finest ? options.l1_tolerance : kCoarseTolerance,
                           finest ? options.max_tolerance : kCoarseTolerance,
                           monitor.part(share_done, share_done + 0.75 * share));
-    if (finest && !(target.curves.empty() && target.points.empty())) {
+    if (finest && singular) {
       result = solver.narrow(std::move(*result), options.point_radius_mm, options.l1_tolerance, options.max_tolerance,
                              monitor.part(0.9, 1));
     }
     share_done += 0.75 * share;
     psi = result->psi;
+    if (!finest && singular) {
+      psi = solver.extrapolated(*result, start_radius(samplings[level - 1]));
+    }
     map.summary.iterations += solver.evaluations();
     ++map.summary.levels;
   }

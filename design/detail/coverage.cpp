@@ -7,6 +7,8 @@ namespace lightmill::detail {
 
 namespace {
 
+constexpr double kRounding = 1e-11;  // of a coverage that is a sum of up to a row of pixels
+
 /// An edge in pixels, upwards.
 struct Edge {
   Vec2 low;
@@ -130,8 +132,8 @@ Grid<double> coverage(const std::vector<std::vector<Vec2>>& outlines, FillRule r
     double sum = 0;
     for (int column = 0; column < width; ++column) {
       sum += buffer.at(column, row);
-      result.at(column, row) = std::clamp(sum, 0.0, 1.0);
-      if (result.at(column, row) < 1e-13) result.at(column, row) = 0;  // rounding is not light
+      // Rounding is not light, and full is full.
+      result.at(column, row) = sum < kRounding ? 0 : sum > 1 - kRounding ? 1 : sum;
     }
   }
   return result;

@@ -99,9 +99,9 @@ TEST_F(TargetTest, FillRules) {
   const auto path = [](const std::string& d, const char* rule) {
     return "<path fill=\"white\" fill-rule=\"" + std::string(rule) + "\" d=\"" + d + "\"/>";
   };
-  EXPECT_NEAR(light_of(path(outer + same, "nonzero")), 6400, 1e-8);
-  EXPECT_NEAR(light_of(path(outer + same, "evenodd")), 6400 - 900, 1e-8);
-  EXPECT_NEAR(light_of(path(outer + opposite, "nonzero")), 6400 - 900, 1e-8);
+  EXPECT_NEAR(light_of(path(outer + same, "nonzero")), 6400, 1e-7);
+  EXPECT_NEAR(light_of(path(outer + same, "evenodd")), 6400 - 900, 1e-7);
+  EXPECT_NEAR(light_of(path(outer + opposite, "nonzero")), 6400 - 900, 1e-7);
   // A pentagram: what its own crossings enclose counts by one rule and not by the other.
   std::string star;
   const double r = 38;

@@ -82,8 +82,10 @@ TEST(Transport, UniformToUniformMovesNothing) {
   target.extent = Box2::centred(source.size_mm);
   target.area_flux = Grid<double>(3, 5, 1.0);
   target.normalise();
-  const TransportMap map = solve_transport(source, target, samples(1536));
-  expect_sound(map, samples(1536));
+  TransportOptions options = samples(1536);
+  options.l1_tolerance = 1e-9;
+  const TransportMap map = solve_transport(source, target, options);
+  expect_sound(map, options);
   EXPECT_EQ(map.summary.samples, 48 * 32);
   for (std::size_t i = 0; i < map.sites_mm.size(); ++i) {
     EXPECT_LT((map.target_centroids_mm[i] - map.sites_mm[i]).norm(), 1e-6);
@@ -177,8 +179,8 @@ TEST(Transport, TwoPointsAreSplitByTheLineThatHalvesTheirFlux) {
             [&](std::size_t a, std::size_t b) { return map.sites_mm[a].dot(across) < map.sites_mm[b].dot(across); });
   for (std::size_t k = 0; k < order.size(); ++k) {
     const Vec2& at = map.target_centroids_mm[order[k]];
-    if (k + 2 < 0.3 * 1024) EXPECT_LT((at - target.points[0].position_mm).norm(), 1e-6) << k;
-    if (k > 0.3 * 1024 + 1) EXPECT_LT((at - target.points[1].position_mm).norm(), 1e-6) << k;
+    if (std::abs(k + 0.5 - 0.3 * 1024) < 1.5) continue;  // the cell that shares
+    EXPECT_LT((at - target.points[k < 0.3 * 1024 ? 0 : 1].position_mm).norm(), 1e-6) << k;
   }
 }
 
@@ -230,15 +232,15 @@ TEST(Transport, TheDisksSamplesAreItsOwnVoronoiCells) {
 class TransportFixture : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(TransportFixture, Converges) {
-  const TransportMap map = solve_transport(SourceLight{}, fixture(GetParam()), samples(4096));
-  expect_sound(map, samples(4096));
+  const TransportMap map = solve_transport(SourceLight{}, fixture(GetParam()), samples(2304));
+  expect_sound(map, samples(2304));
 }
 
 INSTANTIATE_TEST_SUITE_P(Pictures, TransportFixture,
                          ::testing::Values("astronaut.png", "horse.png", "rings.svg", "letter_f.svg", "circle.svg",
                                            "portrait"),
-                         [](const auto& info) {
-                           std::string name = info.param;
+                         [](const auto& test) {
+                           std::string name = test.param;
                            return name.substr(0, name.find('.'));
                          });
 
@@ -362,8 +364,8 @@ TEST(CellIntegrals, AreWhatSamplingFinds) {
       if (edge.b == 3 && edge.a < 12) slopes[edge.a] += cells.edge_slopes[e];
     }
     for (int i = 0; i < 12; ++i) {
-      if (i != 3)
-        EXPECT_NEAR((after.masses[i] - before.masses[i]) / (2 * kStep), slopes[i], 1e-4) << "seed 5, trial " << trial;
+      if (i == 3) continue;
+      EXPECT_NEAR((after.masses[i] - before.masses[i]) / (2 * kStep), slopes[i], 1e-4) << "seed 5, trial " << trial;
     }
   }
 }
