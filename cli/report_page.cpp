@@ -166,7 +166,7 @@ std::string warnings_box(const json& report) {
       report.at("/cam/reachable/unreachable_area_mm2"_json_pointer).get<double>() > 0) {
     item("The finishing ball cannot reach " + number_at(report, "/cam/reachable/unreachable_area_mm2", 1) + " mm² (" +
          fixed(100 * report.at("/cam/reachable/unreachable_share"_json_pointer).get<double>(), 2) + " % of the lens; creases that are hollower than the ball); up to " +
-         number_at(report, "/cam/reachable/max_residue_um", 1) + " µm of material stay there. The picture below shows where.");
+         number_at(report, "/cam/reachable/max_residue_um", 1) + " µm of material stay there; the picture \"Out of the ball's reach\" shows where.");
   }
   item("Cutting data comes from tables and arithmetic and is untested on the machine.");
   return "<h2>Before you mill</h2>\n<div class=warn><ul>\n" + items + "</ul></div>\n";
