@@ -693,6 +693,10 @@ bool SimulatedMachine::busy() const {
   return !impl_->planner.empty() || !impl_->wire.empty();
 }
 
+bool SimulatedMachine::behind() const {
+  return impl_->stock && impl_->stock->behind();
+}
+
 bool SimulatedMachine::dead() const {
   return impl_->dead;
 }
@@ -739,10 +743,11 @@ void serve(SimulatedMachine& machine, PseudoTerminal& terminal, const std::funct
   bool progress = true;
   while (!should_end()) {
     // Real-time bytes must not wait for lines, so the terminal is looked at between batches.
-    const milliseconds patience(progress ? 0 : (machine.busy() || !unsent.empty() ? 1 : 20));
+    const bool behind = machine.behind();
+    const milliseconds patience(progress ? 0 : (behind || machine.busy() || !unsent.empty() ? 1 : 20));
     const std::size_t count = terminal.read_some(bytes, patience);
     if (count > 0) machine.receive({bytes.data(), count});
-    const int lines = machine.work(kLinesAtOnce);
+    const int lines = behind ? 0 : machine.work(kLinesAtOnce);
     unsent += machine.take_replies();
     if (!unsent.empty()) unsent.erase(0, terminal.write_some(unsent, milliseconds(0)));
     if (machine.dead()) {

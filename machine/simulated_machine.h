@@ -79,6 +79,8 @@ class SimulatedMachine {
   void begin_program(const std::string& name);
   /// There are bytes on the paced wire or motions that wait for their time.
   [[nodiscard]] bool busy() const;
+  /// Removing stock is far behind the motions: work() may soon wait for it. serve() then answers real-time bytes only.
+  [[nodiscard]] bool behind() const;
   /// Called for every motion before the stock sees it (for tests and drawings), from work().
   std::function<void(const Motion&, const std::vector<SweptMove>&)> on_motion;
 

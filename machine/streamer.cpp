@@ -1,5 +1,6 @@
 #include "machine/streamer.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 
@@ -265,7 +266,7 @@ class Streamer {
   bool ask_status() {
     const long before = status_count_;
     send_real_time('?');
-    const auto end = Clock::now() + kStatusTimeout;
+    const auto end = Clock::now() + std::max(kStatusTimeout, options_.reply_timeout);
     while (status_count_ == before && Clock::now() < end) listen(milliseconds(50));
     return status_count_ != before;
   }

@@ -5,8 +5,7 @@
 namespace lightmill::detail {
 
 namespace {
-constexpr std::size_t kBatch = 2048;       ///< moves that are handed over at once
-constexpr std::size_t kMostBatches = 128;  ///< about 40 MB of moves
+constexpr std::size_t kBatch = 2048;  ///< moves that are handed over at once
 }  // namespace
 
 StockWorker::StockWorker(const Blank& blank, const StockOptions& options)
@@ -28,6 +27,7 @@ void StockWorker::hand_over() {
   std::unique_lock lock(mutex_);
   changed_.wait(lock, [this] { return queue_.size() < kMostBatches; });
   queue_.push_back(std::move(filling_));
+  waiting_ = queue_.size();
   filling_ = {};
   lock.unlock();
   changed_.notify_all();
@@ -74,6 +74,7 @@ void StockWorker::run() {
     if (ending_) return;
     const Batch batch = std::move(queue_.front());
     queue_.pop_front();
+    waiting_ = queue_.size();
     busy_ = true;
     const bool failed = failure_ != nullptr;
     lock.unlock();

@@ -1,6 +1,7 @@
 // The stock in a thread of its own, so that the protocol never waits long for material to be removed.
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <deque>
 #include <exception>
@@ -24,6 +25,8 @@ class StockWorker {
 
   void set_cutter(const Cutter& cutter);
   void move(const std::vector<SweptMove>& pieces);
+  /// The queue is three quarters full: who can wait without harm should.
+  [[nodiscard]] bool behind() const { return waiting_.load() >= kMostBatches * 3 / 4; }
   /// The faults from here on belong to the program of this name.
   void begin_program(const std::string& name);
   /// Waits until all moves are cut. Rethrows what the stock has thrown.
@@ -42,6 +45,7 @@ class StockWorker {
     std::string program;
     bool flush = false;
   };
+  static constexpr std::size_t kMostBatches = 128;  ///< about 40 MB of moves
   void hand_over();
   void run();
   void collect_faults();
@@ -54,6 +58,7 @@ class StockWorker {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<Batch> queue_;
+  std::atomic<std::size_t> waiting_{0};  ///< size of queue_
   bool busy_ = false, ending_ = false;
   std::exception_ptr failure_;
   std::thread thread_;

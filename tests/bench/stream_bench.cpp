@@ -34,7 +34,7 @@ std::string program(long lines, bool five_axes) {
     const double t = static_cast<double>(i) * 1e-3;
     text += "X" + fixed(40 * std::sin(t), 5) + "Y" + fixed(-20 + 40 * std::cos(1.1 * t), 5) + "Z" +
             fixed(55 + std::sin(7 * t), 5);
-    if (five_axes) text = text + "B" + fixed(10 * std::sin(t), 5) + "C" + fixed(20 * t, 5) + "F600";
+    if (five_axes) text += "B" + fixed(10 * std::sin(t), 5) + "C" + fixed(20 * t, 5) + "F600";
     text += "\n";
   }
   return text + "M5\nM2\n";
