@@ -321,8 +321,8 @@ Caustic trace_heights(const Grid<float>& heights_mm, const Box2& lens_extent, co
         const double along_u = std::max((b - a).cwiseAbs().maxCoeff(), (d - c).cwiseAbs().maxCoeff());
         const double along_v = std::max((c - a).cwiseAbs().maxCoeff(), (d - b).cwiseAbs().maxCoeff());
         constexpr double kMostParts = 16;  // a beam torn wider than so many pixels leaves gaps: it is scatter
-        const int parts_u = static_cast<int>(std::clamp(std::ceil(2 * along_u), 1.0, kMostParts));
-        const int parts_v = static_cast<int>(std::clamp(std::ceil(2 * along_v), 1.0, kMostParts));
+        const int parts_u = static_cast<int>(std::clamp(std::ceil(along_u), 1.0, kMostParts));
+        const int parts_v = static_cast<int>(std::clamp(std::ceil(along_v), 1.0, kMostParts));
         if (parts_u == 1 && parts_v == 1) {
           const Vec2 eu = (b - a + d - c) / 2;
           const Vec2 ev = (c - a + d - b) / 2;
