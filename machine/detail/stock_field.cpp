@@ -128,7 +128,9 @@ void StockField::visit_tile(const Sweep& sweep, int ti, int tj, double below, Vi
   }
   const double behind = std::max({0.0, -(s + spread), s - spread - sweep.length_mm});
   const double distance2 = nearest * nearest + behind * behind;
-  if (distance2 >= radius * radius || sweep.least_height(std::sqrt(distance2)) >= below) return;
+  // Heights are stored as float: what would be stored is what must be lower (a floor that is already milled is not).
+  if (distance2 >= radius * radius) return;
+  if (static_cast<float>(sweep.least_height(std::sqrt(distance2))) >= below) return;
 
   for (int j = j_begin; j < j_end; ++j) {
     const double node_y = y(j);
@@ -153,58 +155,71 @@ void StockField::visit_tile(const Sweep& sweep, int ti, int tj, double below, Vi
   }
 }
 
-void StockField::cut_tile_row(std::span<const Sweep> sweeps, std::span<const std::uint32_t> makers, int tj) {
+float StockField::highest_node_of_tile(int ti, int tj) const {
+  // One maximum per column of the tile, so that the compiler can work on several at once.
+  float most[kTileNodes];
+  std::fill(most, most + kTileNodes, -std::numeric_limits<float>::infinity());
+  const int columns = std::min(kTileNodes, heights_.width - ti * kTileNodes);
+  for (int j = tj * kTileNodes; j < std::min((tj + 1) * kTileNodes, heights_.height); ++j) {
+    const float* row = &heights_.values[heights_.index(ti * kTileNodes, j)];
+    if (columns == kTileNodes) {
+      for (int i = 0; i < kTileNodes; ++i) most[i] = row[i] > most[i] ? row[i] : most[i];
+    } else {
+      for (int i = 0; i < columns; ++i) most[i] = row[i] > most[i] ? row[i] : most[i];
+    }
+  }
+  return *std::max_element(most, most + kTileNodes);
+}
+
+void StockField::cut_tile_row(std::span<const Sweep> sweeps, std::span<const Maker> order, int tj) {
   Grid<float>& level = pyramid_.front();
   const double bottom = y(tj * kTileNodes);
   const double top = y(std::min((tj + 1) * kTileNodes, heights_.height) - 1);
-  std::vector<char> changed(level.width, 0);
-  for (std::size_t k = 0; k < sweeps.size(); ++k) {
-    const Sweep& sweep = sweeps[k];
+  for (const Maker& maker : order) {
+    const Sweep& sweep = sweeps[maker.sweep];
     if (sweep.reach.max.y() < bottom || sweep.reach.min.y() > top) continue;
     const TileRange range = tiles({{sweep.reach.min.x(), bottom}, {sweep.reach.max.x(), top}});
     for (int ti = range.i0; ti <= range.i1; ++ti) {
       const float below = level.at(ti, tj);
-      if (sweep.lowest_mm >= below) continue;
+      if (static_cast<float>(sweep.lowest_mm) >= below) continue;
       bool lowered = false;
       visit_tile(sweep, ti, tj, below, [&](std::size_t node, int, int, double height) {
         const float value = static_cast<float>(std::max(height, 0.0));
         if (value < heights_.values[node]) {
           heights_.values[node] = value;
-          makers_.values[node] = makers[k];
+          makers_.values[node] = maker.witness;
           lowered = true;
         }
       });
-      if (lowered) changed[ti] = 1;
+      if (lowered) level.at(ti, tj) = highest_node_of_tile(ti, tj);
     }
-  }
-  for (int ti = 0; ti < level.width; ++ti) {
-    if (changed[ti] == 0) continue;
-    float most = 0;
-    for (int j = tj * kTileNodes; j < std::min((tj + 1) * kTileNodes, heights_.height); ++j) {
-      const auto row = heights_.values.begin() + static_cast<std::ptrdiff_t>(heights_.index(ti * kTileNodes, j));
-      most = std::max(most, *std::max_element(row, row + std::min(kTileNodes, heights_.width - ti * kTileNodes)));
-    }
-    level.at(ti, tj) = most;
   }
 }
 
 void StockField::cut(std::span<const Sweep> sweeps) {
   if (sweeps.empty()) return;
   Box2 reach;
-  std::vector<std::uint32_t> makers(sweeps.size(), kNotABall);
+  std::vector<Maker> order(sweeps.size());
   for (std::size_t k = 0; k < sweeps.size(); ++k) {
     reach.include(sweeps[k].reach.min);
     reach.include(sweeps[k].reach.max);
+    order[k] = {static_cast<std::uint32_t>(k), kNotABall};
     if (sweeps[k].shape == Sweep::Shape::kBall) {
-      makers[k] = static_cast<std::uint32_t>(witnesses_.size());
+      order[k].witness = static_cast<std::uint32_t>(witnesses_.size());
       witnesses_.push_back({sweeps[k].from, sweeps[k].to, sweeps[k].radius_mm});
     }
   }
+  // A mill that goes down lowers its whole footprint with every motion: the lowest motion first leaves nothing to the
+  // others.
+  const auto rank = [&](const Maker& maker) {
+    return sweeps[maker.sweep].shape == Sweep::Shape::kMill ? sweeps[maker.sweep].lowest_mm : kNothing;
+  };
+  std::stable_sort(order.begin(), order.end(), [&](const Maker& a, const Maker& b) { return rank(a) < rank(b); });
   const TileRange range = tiles(reach);
   if (range.empty()) return;
   // A tile row belongs to one thread at a time, so nodes and pyramid need no locks.
   parallel_blocks(range.j1 - range.j0 + 1, 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t row = begin; row < end; ++row) cut_tile_row(sweeps, makers, range.j0 + static_cast<int>(row));
+    for (std::size_t row = begin; row < end; ++row) cut_tile_row(sweeps, order, range.j0 + static_cast<int>(row));
   });
   refresh_pyramid(range);
 }
@@ -348,8 +363,8 @@ Grid<float> StockField::peaks() const {
                   envelope, swept_ball(ball.from, ball.to, ball.radius_mm, x(i) + ridge->x, y(j) + ridge->y).height);
             }
             if (envelope < ridge->height - kMeeting_mm) continue;
-            // Where neither of the two made the node, it lies beyond another ridge (two motions of one pass, the node on the
-            // next one's flank): their plane is that much too high over it.
+            // Where neither of the two made the node, it lies beyond another ridge (two motions of one pass, the node
+            // on the next one's flank): their plane is that much too high over it.
             const double beyond = std::max(0.0, std::min(around[a].height, around[b].height) - own);
             peak = std::max(peak, envelope - ridge->slope_x * ridge->x - ridge->slope_y * ridge->y - beyond);
           }

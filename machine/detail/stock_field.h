@@ -68,7 +68,12 @@ class StockField {
  private:
   template <typename Visit>
   void visit_tile(const Sweep& sweep, int ti, int tj, double below, Visit&& visit) const;
-  void cut_tile_row(std::span<const Sweep> sweeps, std::span<const std::uint32_t> makers, int tj);
+  struct Maker {
+    std::uint32_t sweep = 0;
+    std::uint32_t witness = kNotABall;
+  };
+  void cut_tile_row(std::span<const Sweep> sweeps, std::span<const Maker> order, int tj);
+  [[nodiscard]] float highest_node_of_tile(int ti, int tj) const;
   void refresh_pyramid(const TileRange& changed);
 
   Box2 extent_;
