@@ -100,6 +100,8 @@ class Level {
   /// to the next.
   Evaluation narrow(Evaluation now, double radius, double l1, double most, const Monitor& monitor) {
     double factor = kNarrowing;
+    const double widest = measure_.radius;
+    const auto done = [&](double r) { return std::log(widest / r) / std::log(widest / radius); };
     while (measure_.radius > radius && now.empty == 0) {
       const double from = measure_.radius;
       const auto [corrected, tangent] = predict(now);
@@ -110,7 +112,8 @@ class Level {
         if (next.l1_error < kNarrowingError || factor > kLeastNarrowing) break;
       }
       const bool last = measure_.radius == radius;
-      now = solve_from(std::move(next), last ? l1 : kCoarseTolerance, last ? most : kCoarseTolerance, monitor);
+      now = solve_from(std::move(next), last ? l1 : kCoarseTolerance, last ? most : kCoarseTolerance,
+                       monitor.part(done(from), done(measure_.radius)));
       factor = std::max(kNarrowing, factor * factor);
     }
     return now;
@@ -158,7 +161,7 @@ class Level {
     double gamma = 1;
     while (evaluations_ < budget_) {
       monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
-                     1 - static_cast<double>(budget_ - evaluations_) / options_.max_iterations);
+                     progress(now));
       // Two-loop recursion [Nocedal and Wright 2006, alg. 7.4].
       Potential d = now.gradient;
       std::vector<double> alpha(memory.size());
@@ -214,6 +217,12 @@ class Level {
     }
   }
 
+  /// Done fraction by the error that is left, on a logarithmic scale.
+  [[nodiscard]] double progress(const Evaluation& e) const {
+    const double goal = options_.l1_tolerance;
+    return 1 - std::log(std::clamp(e.l1_error, goal, 2.0) / goal) / std::log(2 / goal);
+  }
+
   /// The dual's second derivative, -d mu(C_i) / d psi_j.
   [[nodiscard]] Laplacian hessian(const Evaluation& e) const {
     std::vector<GraphEdge> edges;
@@ -260,7 +269,7 @@ class Level {
     const double least = std::min(now.min_share, 1.0) / 2;
     while (!done() && evaluations_ < budget_) {
       monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
-                     1 - static_cast<double>(budget_ - evaluations_) / options_.max_iterations);
+                     progress(now));
       const Potential step = hessian(now).solve(now.gradient);
       const double norm = std::sqrt(dot(now.gradient, now.gradient));
       double alpha = 1;
@@ -349,7 +358,7 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
   const Box2 extent{target.extent.min - spread.mean, target.extent.max - spread.mean};
   const double reach = std::max({extent.min.norm(), extent.max.norm(), Vec2(extent.min.x(), extent.max.y()).norm(),
                                  Vec2(extent.max.x(), extent.min.y()).norm()}) +
-                       options.point_radius_mm;
+                       options.point_radius_mm + kStartRadius * source.size_mm.norm();
 
   const bool singular = !(target.curves.empty() && target.points.empty());
   const auto start_radius = [&](const Sampling& sampling) {
@@ -363,6 +372,13 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
   std::optional<Evaluation> result;
   const int levels = static_cast<int>(samplings.size());
   double share_done = 0;
+  Monitor steady = monitor;  // never runs backwards
+  if (monitor.on_progress) {
+    steady.on_progress = [&monitor, most = 0.0](std::string_view what, double fraction) mutable {
+      most = std::clamp(fraction, most, 1.0);
+      monitor.on_progress(what, most);
+    };
+  }
   for (int level = levels - 1; level >= 0; --level) {
     const Sampling& sampling = samplings[level];
     const int n = static_cast<int>(sampling.sites.size());
@@ -391,7 +407,8 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
       }
     }
     for (const auto& point : target.points) measure.disks.push_back({point.position_mm - spread.mean, point.flux});
-    measure.radius = start_radius(sampling);
+    const double measure_radius = singular ? start_radius(sampling) : options.point_radius_mm;
+    measure.radius = measure_radius;
 
     if (psi.empty()) {
       // The affine map with the right centre and spreads.
@@ -405,14 +422,15 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
     const double share = std::pow(0.25, level);
     Level solver(sampling, std::move(measure), reach, options);
     const bool finest = level == 0;
-    result = solver.solve(std::move(psi), finest ? options.l1_tolerance : kCoarseTolerance,
-                          finest ? options.max_tolerance : kCoarseTolerance,
-                          monitor.part(share_done, share_done + 0.75 * share));
+    const bool last = finest && measure_radius <= options.point_radius_mm;
+    const double share_then = finest && !singular ? 1 : share_done + (singular ? 0.4 : 0.75) * share;
+    result = solver.solve(std::move(psi), last ? options.l1_tolerance : kCoarseTolerance,
+                          last ? options.max_tolerance : kCoarseTolerance, steady.part(share_done, share_then));
     if (finest && singular) {
       result = solver.narrow(std::move(*result), options.point_radius_mm, options.l1_tolerance, options.max_tolerance,
-                             monitor.part(0.9, 1));
+                             steady.part(share_then, 1));
     }
-    share_done += 0.75 * share;
+    share_done = share_then;
     psi = result->psi;
     if (!finest && singular) {
       psi = solver.extrapolated(*result, start_radius(samplings[level - 1]));
