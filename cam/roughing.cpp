@@ -128,7 +128,7 @@ class Rougher {
     const double corner = mill_.corner_radius_mm > 0 ? std::pow(1 + s2, 1.5) / mill_.corner_radius_mm : 4;
     const double bend = (s2 > 1e-6 ? corner : 0) + 1;
     const double cell2 = dx_ * dx_ + dy_ * dy_;
-    margin_mm_ = bend * (cell2 / 8 + dx_ * dx_ / 8) + 0.005;
+    margin_mm_ = bend * (cell2 / 8 + dx_ * dx_ / 8) + 0.02;
     for (float& h : target_.values) h += static_cast<float>(margin_mm_);
   }
 
@@ -217,7 +217,8 @@ class Rougher {
   }
 
   /// All lines of one level, from +y to -y: along +X the material is then on the right, climb milling. The first line
-  /// stands outside, so that it takes no more than the stepover.
+  /// stands outside, so that it takes no more than the stepover; the last one so far out that the cutter's flat just passes
+  /// the border (where the surface falls towards the border, its uphill rim does the cutting).
   void raster(double level, int stride, const Monitor& monitor) {
     const double first_y = box_.max.y() + radius_ - stride * dy_;
     int j = static_cast<int>(std::floor((first_y - box_.min.y()) / dy_ + 1e-9)) + rim_y_;
@@ -225,7 +226,7 @@ class Rougher {
     while (true) {
       monitor.check();
       mill_line(level, std::max(j, 0));
-      if (j <= 0 || y_of(j) - reach <= box_.min.y()) break;
+      if (j <= 0 || y_of(j) <= box_.min.y() - reach) break;
       j -= stride;
     }
   }

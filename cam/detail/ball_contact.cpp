@@ -9,8 +9,9 @@ namespace lightmill::detail {
 namespace {
 
 /// Climbs from `start` to the local maximum of f(p) = h(p) + sqrt(R^2 - |p - c|^2).
-/// Newton where f is concave, else along the gradient; a step that loses height is halved.
-Contact climb(const SplineSurface& surface, double radius, const Vec2& centre, const Vec2& start) {
+/// Newton where f is concave, else along the gradient; a step that loses height is halved, none is longer than `most_step`
+/// (or it might leave for a lower hill).
+Contact climb(const SplineSurface& surface, double radius, const Vec2& centre, const Vec2& start, double most_step) {
   constexpr int kMostSteps = 60;
   constexpr double kLastStepMm = 1e-4;  // Newton converges quadratically: what is left after such a step is below 1e-8
   const double r2 = radius * radius;
@@ -51,7 +52,7 @@ Contact climb(const SplineSurface& surface, double radius, const Vec2& centre, c
       step = Vec2(gx, gy) * (radius / 2);
     }
     const double size = step.norm();
-    if (size > radius / 4) step *= radius / 4 / size;
+    if (size > most_step) step *= most_step / size;
     best = {f, p, Vec2(ux * w, uy * w)};
     best_step = step;
     if (size < kLastStepMm && a < 0 && det > 0) {
@@ -72,7 +73,7 @@ BallContact::BallContact(const SplineSurface& surface, double radius_mm, double 
     : surface_(&surface), radius_mm_(radius_mm) {
   // A sample for every half span, but no finer than the ball can feel and no coarser than it can bridge.
   const Box2& extent = surface.extent();
-  const Vec2 wish = (surface.span_mm() / 2).cwiseMax(radius_mm / 16).cwiseMin(radius_mm / 8);
+  const Vec2 wish = (surface.span_mm() / 2).cwiseMax(radius_mm / 32).cwiseMin(radius_mm / 8);
   Vec2 size = extent.size() + Vec2::Constant(2 * margin_mm);
   const int nx = static_cast<int>(std::ceil(size.x() / wish.x()));
   const int ny = static_cast<int>(std::ceil(size.y() / wish.y()));
@@ -81,16 +82,22 @@ BallContact::BallContact(const SplineSurface& surface, double radius_mm, double 
   samples_ = Grid<float>(nx + 1, ny + 1);
   base_mm_ = surface.height(extent.centre().x(), extent.centre().y());
   double steepest2 = 0;
+  double bend = 0;  // of the surface, 1/mm
   for (int j = 0; j <= ny; ++j) {
     for (int i = 0; i <= nx; ++i) {
       const auto s = surface.sample(first_.x() + i * pitch_mm_.x(), first_.y() + j * pitch_mm_.y());
       samples_.at(i, j) = static_cast<float>(s.h - base_mm_);
       steepest2 = std::max(steepest2, s.hx * s.hx + s.hy * s.hy);
+      bend = std::max(bend, std::abs(s.hxx) + std::abs(s.hxy) + std::abs(s.hyy));
     }
   }
   // Between samples a slope can be a little steeper.
   steepest_ = 1.05 * std::sqrt(steepest2) + 0.01;
   reach_mm_ = radius_mm * steepest_ / std::sqrt(1 + steepest_ * steepest_);
+  // A sample lies within half a cell's diagonal of any maximum of f, and there f is lower by at most half its curvature (the
+  // ball's at the steepest contact, and the surface's) times the square of that.
+  const double curvature = std::pow(1 + steepest_ * steepest_, 1.5) / radius_mm + bend;
+  missed_mm_ = std::min(0.5 * radius_mm, curvature / 2 * pitch_mm_.squaredNorm() / 4);
 }
 
 Contact BallContact::at(double x, double y) const {
@@ -100,7 +107,7 @@ Contact BallContact::at(double x, double y) const {
   const int i1 = static_cast<int>(std::ceil((x + half_x - first_.x()) / pitch_mm_.x()));
   const int j0 = static_cast<int>(std::floor((y - half_y - first_.y()) / pitch_mm_.y()));
   const int j1 = static_cast<int>(std::ceil((y + half_y - first_.y()) / pitch_mm_.y()));
-  constexpr int kWidest = 64;
+  constexpr int kWidest = 96;
   if (i0 < 0 || j0 < 0 || i1 >= samples_.width || j1 >= samples_.height || i1 - i0 >= kWidest || j1 - j0 >= kWidest) {
     return ball_contact(*surface_, radius_mm_, x, y);
   }
@@ -131,9 +138,8 @@ Contact BallContact::at(double x, double y) const {
     best = std::max(best, highest);
   }
 
-  // A sample lies within 0.71 pitch of any maximum of f, and with |f''| <= 4 / mm it is at most pitch^2 lower. Every local
-  // maximum among the samples that may win so is climbed.
-  const float enough = best - static_cast<float>(std::max(pitch_mm_.x() * pitch_mm_.x(), pitch_mm_.y() * pitch_mm_.y()));
+  // Every local maximum among the samples that may belong to the highest one is climbed.
+  const float enough = best - static_cast<float>(missed_mm_);
   Contact winner;
   winner.z = -std::numeric_limits<double>::infinity();
   for (int j = 0; j < rows; ++j) {
@@ -141,18 +147,14 @@ Contact BallContact::at(double x, double y) const {
     for (int i = 0; i < columns; ++i) {
       const float value = f[static_cast<std::size_t>(j) * columns + i];
       if (value < enough) continue;
-      bool highest = true;
-      for (int jj = std::max(0, j - 1); jj <= std::min(rows - 1, j + 1) && highest; ++jj) {
-        for (int ii = std::max(0, i - 1); ii <= std::min(columns - 1, i + 1); ++ii) {
-          if (f[static_cast<std::size_t>(jj) * columns + ii] > value) {
-            highest = false;
-            break;
-          }
-        }
-      }
+      // Against the four neighbours only: two hills may touch at a corner.
+      const float* at = &f[static_cast<std::size_t>(j) * columns + i];
+      const bool highest = !(i > 0 && at[-1] > value) && !(i + 1 < columns && at[1] > value) &&
+                           !(j > 0 && at[-columns] > value) && !(j + 1 < rows && at[columns] > value);
       if (!highest) continue;
       const Contact contact = climb(*surface_, radius_mm_, {x, y},
-                                    {first_.x() + (i0 + i) * pitch_mm_.x(), first_.y() + (j0 + j) * pitch_mm_.y()});
+                                    {first_.x() + (i0 + i) * pitch_mm_.x(), first_.y() + (j0 + j) * pitch_mm_.y()},
+                                    pitch_mm_.minCoeff());
       if (contact.z > winner.z) winner = contact;
     }
   }
@@ -190,7 +192,7 @@ Contact ball_contact(const SplineSurface& surface, double radius_mm, double x, d
         }
       }
       if (!highest) continue;
-      const Contact contact = climb(surface, radius_mm, {x, y}, {x + (i - nx) * px, y + (j - ny) * py});
+      const Contact contact = climb(surface, radius_mm, {x, y}, {x + (i - nx) * px, y + (j - ny) * py}, std::min(px, py));
       if (contact.z > winner.z) winner = contact;
     }
   }

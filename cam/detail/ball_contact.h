@@ -36,6 +36,7 @@ class BallContact {
   double radius_mm_;
   double steepest_ = 0;
   double reach_mm_ = 0;   // how far from the centre a contact can be
+  double missed_mm_ = 0;  // how much lower than a maximum the sample next to it can be
   double base_mm_ = 0;    // subtracted from the samples, which are floats
   Vec2 first_;            // of the sample grid
   Vec2 pitch_mm_;

@@ -108,7 +108,7 @@ class Spacer {
         const bool at_end = next_y < here.y + spacing;
         if (wish < 0.995 * taken) {
           spacing = wish * 0.997;
-        } else if (wish > 1.03 * taken && !at_end && trial < 2 && taken < 0.999 * most) {
+        } else if (wish > 1.015 * taken && !at_end && trial < 2 && taken < 0.999 * most) {
           spacing = wish;
         } else {
           break;
@@ -285,7 +285,7 @@ class Spacer {
 
   /// The spacing with the least path per area: every station is content, or the discontent get infill.
   [[nodiscard]] double cheapest(const std::vector<Station>& stations, double spacing) const {
-    const double aim = 0.985 * options_.cusp_mm;
+    const double aim = 0.99 * options_.cusp_mm;
     struct Wish {
       double spacing, length;
     };

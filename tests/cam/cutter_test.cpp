@@ -1,0 +1,103 @@
+#include "cam/cutter.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "design/core/errors.h"
+
+namespace lightmill {
+namespace {
+
+using ::testing::HasSubstr;
+
+const std::filesystem::path kCutters = std::filesystem::path(LIGHTMILL_FIXTURES) / "cutters";
+
+constexpr const char* kGood = R"(name = "ball"
+number = 7
+diameter_mm = 3.0
+corner_radius_mm = 1.5
+edges = 2
+flute_length_mm = 5
+shank_diameter_mm = 4
+length_mm = 60.0
+centre_cutting = true
+spindle_rpm = 30000
+feed_per_tooth_mm = 0.02
+plunge_feed_mm_per_min = 120
+coolant = "mist"
+holder = [[20, 30, 6, 8.5], [30.0, 60.0, 10, 12]]
+)";
+
+class CutterFile : public ::testing::Test {
+ protected:
+  std::filesystem::path write(const std::string& text) {
+    const auto path = std::filesystem::path(::testing::TempDir()) /
+                      (std::string("cutter_") + ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".toml");
+    std::ofstream(path) << text;
+    return path;
+  }
+  /// kGood with one line replaced (or left out).
+  std::string with(const std::string& key, const std::string& line) {
+    std::string text = kGood;
+    const auto at = text.find("\n" + key + " =") + 1;
+    text.replace(at, text.find('\n', at) + 1 - at, line.empty() ? "" : line + "\n");
+    return text;
+  }
+  std::string complaint(const std::string& text) {
+    try {
+      read_cutter(write(text));
+    } catch (const InputError& e) {
+      return e.what();
+    }
+    return "no complaint";
+  }
+};
+
+TEST_F(CutterFile, GivesWhatItSays) {
+  const Cutter c = read_cutter(write(kGood));
+  EXPECT_EQ(c.name, "ball");
+  EXPECT_EQ(c.number, 7);
+  EXPECT_TRUE(c.is_ball());
+  EXPECT_TRUE(c.centre_cutting);
+  EXPECT_DOUBLE_EQ(c.radius_mm(), 1.5);
+  EXPECT_DOUBLE_EQ(c.plunge_feed_mm_per_s, 2);
+  EXPECT_DOUBLE_EQ(c.feed_mm_per_s(), 500 * 2 * 0.02);
+  ASSERT_EQ(c.holder.size(), 2u);
+  EXPECT_DOUBLE_EQ(c.holder[0].to_radius_mm, 8.5);
+  EXPECT_DOUBLE_EQ(c.holder[1].from_mm, 30);
+}
+
+TEST_F(CutterFile, AllFixturesAreRead) {
+  int count = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(kCutters)) {
+    const Cutter c = read_cutter(entry.path());
+    EXPECT_GT(c.feed_mm_per_s(), 0) << entry.path();
+    EXPECT_FALSE(c.holder.empty()) << entry.path();
+    ++count;
+  }
+  EXPECT_GE(count, 3);
+  EXPECT_TRUE(read_cutter(kCutters / "finish_4mm_ball.toml").is_ball());
+  EXPECT_FALSE(read_cutter(kCutters / "rough_10mm.toml").is_ball());
+}
+
+TEST_F(CutterFile, ErrorsNameFileLineKeyAndRule) {
+  EXPECT_THAT(complaint(with("diameter_mm", "diameter_mm = -1")), HasSubstr(".toml:3: diameter_mm = -1"));
+  EXPECT_THAT(complaint(with("diameter_mm", "diameter_mm = \"3\"")), HasSubstr("diameter_mm"));
+  EXPECT_THAT(complaint(with("diameter_mm", "")), HasSubstr("diameter_mm: is missing"));
+  EXPECT_THAT(complaint(with("corner_radius_mm", "corner_radius_mm = 2")), HasSubstr("at most half of diameter_mm"));
+  EXPECT_THAT(complaint(with("number", "number = 0")), HasSubstr("number"));
+  EXPECT_THAT(complaint(with("coolant", "coolant = \"beer\"")), HasSubstr("\"mist\""));
+  EXPECT_THAT(complaint(with("coolant", "colour = \"red\"")), HasSubstr("unknown key 'colour'"));
+  EXPECT_THAT(complaint(with("holder", "holder = [[20, 30, 6]]")), HasSubstr("rows of 4"));
+  EXPECT_THAT(complaint(with("holder", "holder = [[20, 30, 6, \"8\"]]")), HasSubstr("rows of 4"));
+  EXPECT_THAT(complaint(with("holder", "holder = [[30, 20, 6, 8]]")), HasSubstr("go upwards"));
+  EXPECT_THAT(complaint(with("holder", "holder = [[20, 70, 6, 8]]")), HasSubstr("gauge line"));
+  EXPECT_THAT(complaint("name = "), HasSubstr("not valid TOML"));
+  EXPECT_THROW(read_cutter("/nowhere/cutter.toml"), InputError);
+}
+
+}  // namespace
+}  // namespace lightmill

@@ -1,0 +1,193 @@
+#include "cam/roughing.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <random>
+
+#include "design/core/errors.h"
+#include "tests/cam/path_check.h"
+
+namespace lightmill {
+namespace {
+
+using test::spline_of;
+
+Cutter mill() { return read_cutter(std::filesystem::path(LIGHTMILL_FIXTURES) / "cutters" / "rough_10mm.toml"); }
+
+/// Height of the bull-nose's surface above its tip.
+double above_tip(const Cutter& c, double r) {
+  const double e = r - (c.radius_mm() - c.corner_radius_mm);
+  return e <= 0 ? 0 : c.corner_radius_mm - std::sqrt(std::max(0.0, c.corner_radius_mm * c.corner_radius_mm - e * e));
+}
+
+/// The test's own stock: a height field from which moves take what the cutter sweeps, sampled densely in time order.
+struct OwnStock {
+  static constexpr double kPitch = 0.37;
+  OwnStock(const Blank& blank, const Cutter& cutter) : size(blank.size_mm), tool(cutter) {
+    nx = static_cast<int>(size.x() / kPitch);
+    ny = static_cast<int>(size.y() / kPitch);
+    heights = Grid<double>(nx + 1, ny + 1, blank.height_mm);
+  }
+  [[nodiscard]] double x(int i) const { return -size.x() / 2 + i * kPitch; }
+  [[nodiscard]] double y(int j) const { return -size.y() / 2 + j * kPitch; }
+  /// Removes along a move; returns the deepest cut.
+  double sweep(const Vec3& a, const Vec3& b, bool cut) {
+    double deepest = 0;
+    const int steps = 1 + static_cast<int>((b - a).norm() / 0.1);
+    for (int k = 0; k <= steps; ++k) {
+      const Vec3 p = a + (b - a) * k / steps;
+      const double r = tool.radius_mm();
+      const int i0 = std::max(0, static_cast<int>(std::ceil((p.x() - r + size.x() / 2) / kPitch)));
+      const int i1 = std::min(nx, static_cast<int>(std::floor((p.x() + r + size.x() / 2) / kPitch)));
+      const int j0 = std::max(0, static_cast<int>(std::ceil((p.y() - r + size.y() / 2) / kPitch)));
+      const int j1 = std::min(ny, static_cast<int>(std::floor((p.y() + r + size.y() / 2) / kPitch)));
+      for (int j = j0; j <= j1; ++j) {
+        for (int i = i0; i <= i1; ++i) {
+          const double d = std::hypot(x(i) - p.x(), y(j) - p.y());
+          if (d > r) continue;
+          const double z = p.z() + above_tip(tool, d);
+          double& h = heights.at(i, j);
+          deepest = std::max(deepest, h - z);
+          if (cut && z < h) h = z;
+        }
+      }
+    }
+    return deepest;
+  }
+  Vec2 size;
+  Cutter tool;
+  int nx, ny;
+  Grid<double> heights;
+};
+
+struct Case {
+  const char* name;
+  double (*height)(double, double);
+  double over;   ///< blank above the surface
+};
+
+double hills(double x, double y) { return 12 + 0.6 * std::sin(x / 5) * std::cos(y / 6 + 0.4) + 0.02 * x; }
+double bowl(double x, double y) { return 14 - 1.2 * std::exp(-((x - 2) * (x - 2) + (y + 3) * (y + 3)) / 60); }
+double dome(double x, double y) { return 16 - 0.008 * (x * x + y * y); }
+double slope(double x, double y) { return 13 + 0.2 * x + 0.1 * y; }
+
+class Roughing : public ::testing::TestWithParam<Case> {};
+
+TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
+  const Case& c = GetParam();
+  const Vec2 size(36, 30);
+  const auto s = spline_of(Box2::centred(size), 90, 75, c.height);
+  const Blank blank{{38, 31}, s.highest() + c.over};
+  const Cutter tool = mill();
+  RoughOptions options;
+  const ToolPath path = plan_roughing(s, blank, tool, options);
+  ASSERT_FALSE(path.moves.empty());
+
+  // Brute force: places under the cutter, anywhere on any move, against surface + allowance.
+  std::mt19937 random(6);
+  std::uniform_real_distribution<double> u(0, 1);
+  double nearest = 1e9;
+  for (std::size_t k = 1; k < path.moves.size(); ++k) {
+    const Vec3& a = path.moves[k - 1].pose.tip_mm;
+    const Vec3& b = path.moves[k].pose.tip_mm;
+    EXPECT_EQ(path.moves[k].pose.axis, Vec3(0, 0, 1));
+    for (int m = 0; m < 60; ++m) {
+      const Vec3 p = a + u(random) * (b - a);
+      const double r = tool.radius_mm() * std::sqrt(u(random)), angle = 2 * kPi * u(random);
+      const Vec2 q(p.x() + r * std::cos(angle), p.y() + r * std::sin(angle));
+      if (std::abs(q.x()) > 19 || std::abs(q.y()) > 15.5) continue;
+      nearest = std::min(nearest, p.z() + above_tip(tool, r) - s.height(q.x(), q.y()) - options.allowance_mm);
+    }
+  }
+  EXPECT_GE(nearest, 0) << "below surface + allowance";
+  EXPECT_LE(nearest, 0.3) << "needlessly far above it";
+
+  // In time order: links and rapids meet nothing, rapids stay above clearance, a cut is never deeper than allowed.
+  OwnStock stock(blank, tool);
+  EXPECT_EQ(path.moves.front().kind, MoveKind::kRapid);
+  EXPECT_EQ(path.moves.back().kind, MoveKind::kRapid);
+  double deepest = 0, in_air = 0, steepest = 0;
+  for (std::size_t k = 1; k < path.moves.size(); ++k) {
+    const Move& m = path.moves[k];
+    const Vec3& a = path.moves[k - 1].pose.tip_mm;
+    const Vec3& b = m.pose.tip_mm;
+    const bool cut = m.kind == MoveKind::kCut || m.kind == MoveKind::kPlunge;
+    if (m.kind == MoveKind::kRapid) {
+      EXPECT_GE(std::min(a.z(), b.z()), path.clearance_z_mm - 1e-9);
+    } else {
+      EXPECT_GT(m.feed_mm_per_s, 0);
+    }
+    const double depth = stock.sweep(a, b, cut);
+    if (!cut) in_air = std::max(in_air, depth);
+    else deepest = std::max(deepest, depth);
+    // Straight down only through air.
+    const double level = (b - a).head<2>().norm();
+    if (cut && level < 1e-9) steepest = std::max(steepest, depth);
+  }
+  EXPECT_LE(in_air, 0.03);
+  EXPECT_LE(steepest, 0.05) << "plunge into material";
+  EXPECT_LE(deepest, options.stepdown_mm + 0.45) << "cut deeper than a level and what the one above left";
+
+  // What stays, against the stated bound.
+  double most = 0;
+  for (int j = 0; j <= stock.ny; ++j) {
+    for (int i = 0; i <= stock.nx; ++i) {
+      if (std::abs(stock.x(i)) > 18 || std::abs(stock.y(j)) > 15) continue;
+      most = std::max(most, stock.heights.at(i, j) - s.height(stock.x(i), stock.y(j)));
+    }
+  }
+  EXPECT_LE(most * 1e3, path.predicted_cusp_um + 50);
+  EXPECT_LE(most, 1.0) << "more than the ball should meet";
+  EXPECT_GE(most, options.allowance_mm);
+}
+
+INSTANTIATE_TEST_SUITE_P(Surfaces, Roughing,
+                         ::testing::Values(Case{"hills", hills, 0.3}, Case{"bowl", bowl, 0.0}, Case{"dome", dome, 2.5},
+                                           Case{"slope", slope, 0.3}),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+TEST(RoughingEntry, TheFirstCutOfALevelTakesNoMoreThanTheStepover) {
+  const auto s = spline_of(Box2::centred({40, 30}), 20, 20, [](double, double) { return 10; });
+  const Blank blank{{40, 30}, 12.3};
+  const ToolPath path = plan_roughing(s, blank, mill(), {});
+  // A flat lens: two levels; each starts outside at +y with the axis 1 mm outside the block (radius 5, stepover 4) and off -x.
+  double first_y = 0, first_x = 0;
+  for (const Move& m : path.moves) {
+    if (m.kind != MoveKind::kCut) continue;
+    if (first_y == 0) first_y = m.pose.tip_mm.y();
+  }
+  for (const Move& m : path.moves) {
+    if (m.kind == MoveKind::kRapid) {
+      first_x = m.pose.tip_mm.x();
+      break;
+    }
+  }
+  EXPECT_NEAR(first_y, 15 + 5 - 4, 0.26);
+  EXPECT_LT(first_x, -20 - 5 + 0.3);
+  EXPECT_NEAR(path.predicted_cusp_um, 300, 60);
+}
+
+TEST(RoughingErrors, NameWhatIsWrongAndByHowMuch) {
+  const auto s = spline_of(Box2::centred({40, 30}), 20, 20, [](double x, double) { return 10 + 0.1 * x; });
+  const auto message = [&](const Blank& blank, const Cutter& tool, const RoughOptions& options) {
+    try {
+      plan_roughing(s, blank, tool, options);
+    } catch (const InputError& e) {
+      return std::string(e.what());
+    }
+    return std::string("no error");
+  };
+  EXPECT_THAT(message({{40, 30}, 11.5}, mill(), {}), ::testing::HasSubstr("0.5 mm taller than the blank"));
+  EXPECT_THAT(message({{39, 30}, 20}, mill(), {}), ::testing::HasSubstr("smaller than the lens"));
+  RoughOptions wide;
+  wide.stepover_mm = 11;
+  EXPECT_THAT(message({{40, 30}, 20}, mill(), wide), ::testing::HasSubstr("stepover"));
+  Cutter stubby = mill();
+  stubby.holder.front().from_mm = 3;
+  EXPECT_THAT(message({{40, 30}, 20}, stubby, {}), ::testing::HasSubstr("longer cutter"));
+}
+
+}  // namespace
+}  // namespace lightmill
