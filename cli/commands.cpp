@@ -319,6 +319,15 @@ int run_command_line(int argc, char** argv) {
   sub->add_option("--until", until, "stop after this stage")->check(CLI::IsMember({"design", "cam", "post", "dry-run"}));
   on(sub, [&] { return make(common, job, out, until); });
 
+  sub = command("resume", "go on after an interruption, from the first stage that is not done", "resume out");
+  sub->add_option("folder", dir, "run folder")->required();
+  on(sub, [&] {
+    if (std::error_code error; !fs::exists(fs::path(dir) / "job.toml", error)) {
+      throw InputError(dir + " is no run folder (it has no job.toml); make one with: lightmill make JOB -o " + dir);
+    }
+    return make(common, (fs::path(dir) / "job.toml").string(), dir, "dry-run");
+  });
+
   sub = command("design", "design again: light transport, optical surface, predicted picture", "design out");
   sub->add_option("folder", dir, "run folder")->required();
   on(sub, [&] { return run_stages(common, dir, {Stage::kTransport, Stage::kSurface}); });

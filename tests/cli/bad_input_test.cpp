@@ -125,7 +125,7 @@ TEST(BadInput, AFolderThatCannotBeWritten) {
 }
 
 TEST(Help, EveryCommandHasOneWithAnExample) {
-  for (const char* name : {"make", "design", "cam", "post", "dry-run", "stream", "machine", "trace", "check", "ports", "machines", "dialects", "doctor"}) {
+  for (const char* name : {"make", "resume", "design", "cam", "post", "dry-run", "stream", "machine", "trace", "check", "ports", "machines", "dialects", "doctor"}) {
     const CommandResult result = lightmill_command({name, "--help"});
     EXPECT_EQ(result.code, 0) << name;
     EXPECT_THAT(result.out, HasSubstr(std::string("Example: lightmill ") + name));

@@ -109,7 +109,7 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   }
 
   // Again: nothing to do. The resolved job, re-read, is the same job.
-  const CommandResult again = lightmill_command({"make", run + "/job.toml", "-o", run});
+  const CommandResult again = lightmill_command({"resume", run});
   EXPECT_EQ(again.code, 0) << again.err;
   EXPECT_THAT(again.err, HasSubstr("dry-run: nothing changed, kept"));
   EXPECT_EQ(report_of(run), report);
