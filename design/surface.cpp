@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
+#include <utility>
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
@@ -344,6 +346,15 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
   const auto started = std::chrono::steady_clock::now();
   if (!(lens.refractive_index > 1)) throw InputError("lens.refractive_index must be above 1");
   if (!(receiver.distance_mm > 0)) throw InputError("receiver.distance_mm must be positive");
+  if (options.outer_iterations < 0) throw InputError("surface.outer_iterations must not be negative");
+  const SurfaceWeights& w = options.weights;
+  for (const auto& [name, value] :
+       {std::pair{"integration", w.integration}, std::pair{"barrier", w.barrier}, std::pair{"direction", w.direction},
+        std::pair{"flux", w.flux}, std::pair{"smoothness", w.smoothness}}) {
+    if (!(value >= 0)) throw InputError(std::string("surface.weights.") + name + " must not be negative");
+  }
+  if (!(w.integration > 0))
+    throw InputError("surface.weights.integration must be positive: nothing else shapes the surface");
   OpticalSurface surface;
   surface.mesh = start_mesh(lens, options.mesh);
   std::vector<Vec3>& positions = surface.mesh.vertices;

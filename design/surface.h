@@ -24,7 +24,8 @@ struct SurfaceWeights {
 struct SurfaceOptions {
   int mesh = 321;                 ///< vertices along the longer side
   SurfaceWeights weights;
-  int outer_iterations = 4;       ///< at most this many turns of Fresnel mapping and integration
+  int outer_iterations = 4;       ///< at most this many turns of Fresnel mapping and integration; the first and the last move
+                                  ///< heights only, so that vertices slide from 3 turns on
   double height_tolerance_mm = 2e-5;  ///< stop when no vertex's height changes by more in a turn
 };
 
@@ -35,7 +36,8 @@ struct SurfaceSummary {
   std::vector<double> energy_history;     ///< compound energy after each integration
   int inverted_triangles = 0;
   double height_range_mm = 0;             ///< highest minus lowest vertex
-  double min_concave_radius_mm = 0;       ///< smallest radius of concave curvature (99.9th percentile of curvature, off the border)
+  double min_concave_radius_mm = 0;       ///< smallest radius of concave curvature (99.9th percentile of curvature along
+                                          ///< edges, off the border); infinite where nothing is concave
   double final_height_change_mm = 0;
   std::string reason;
 };

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <thread>
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
@@ -344,7 +345,7 @@ MinimiserReport minimise(const CompoundEnergy& energy, int iterations, double tr
   options.minimizer_type = ceres::TRUST_REGION;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
   options.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
-  options.num_threads = thread_count();
+  options.num_threads = std::min(thread_count(), std::max(1, static_cast<int>(std::thread::hardware_concurrency())));
   options.max_num_iterations = iterations;
   // Heights of the lens's own size are soft against the heights of single vertices: a small trust region would hold
   // them.

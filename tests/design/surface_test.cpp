@@ -289,6 +289,42 @@ TEST(SolveSurface, BendsOneCreaseWhereTheLightParts) {
   EXPECT_GT(slid, 0.02);
 }
 
+TEST(SolveSurface, ALetterIsReadableFromTheLensSide) {
+  TargetSpec spec;
+  spec.drawing = LIGHTMILL_FIXTURES "/pictures/letter_f.svg";
+  const TargetLight target = load_target(spec);
+  TransportOptions transport;
+  transport.samples = 4096;
+  const Lens lens;
+  const TransportMap map = solve_transport({SourceLight::Shape::kRectangle, lens.size_mm}, target, transport);
+  SurfaceOptions options;
+  options.mesh = 81;
+  const OpticalSurface surface = solve_surface(lens, {}, map, options);
+  EXPECT_EQ(surface.summary.inverted_triangles, 0);
+  const Caustic c = trace_mesh(surface.mesh, lens, {}, target.extent, {.pixels = 128});
+  const CausticMeasures m = measure_caustic(c, target);
+  EXPECT_LT(m.l1_error, 0.15);
+  EXPECT_LT(m.flux_outside_support, 0.04);
+  // On the receiver, looking along +Z with +Y up, +X is on the left: there, and low, stands the stem. Arms reach to -X,
+  // on top.
+  const auto light = [&](double x0, double x1, double y0, double y1) {
+    double sum = 0;
+    for (int j = 0; j < c.flux.height; ++j) {
+      for (int i = 0; i < c.flux.width; ++i) {
+        const double x = -50 + (i + 0.5) * 100 / 128, y = -50 + (j + 0.5) * 100 / 128;
+        if (x > x0 && x < x1 && y > y0 && y < y1) sum += c.flux.at(i, j);
+      }
+    }
+    return sum / ((x1 - x0) * (y1 - y0));
+  };
+  const double stem = light(7, 19, -30, 30);
+  const double arm = light(-20, 0, 24, 34);
+  EXPECT_GT(stem, 3e-4);
+  EXPECT_NEAR(arm / stem, 1, 0.1);
+  EXPECT_LT(light(-19, -7, -30, -10), 0.05 * stem);  // where the mirrored letter's stem would be
+  EXPECT_LT(light(-20, 0, -34, -24), 0.05 * stem);   // where the arm of the letter on its head would be
+}
+
 TEST(SolveSurface, DoesNotDependOnTheThreadCount) {
   Lens lens;
   lens.size_mm = {30, 20};
@@ -338,6 +374,9 @@ TEST(SolveSurface, SaysWhatCannotBe) {
   options.mesh = 5;
   EXPECT_THROW(solve_surface(lens, {}, std::vector<Vec2>(24, Vec2(0, 0)), options), InputError);    // one too few
   EXPECT_THROW(solve_surface(lens, {}, std::vector<Vec2>(25, Vec2(400, 0)), options), InputError);  // 53 degrees
+  SurfaceOptions negative = options;
+  negative.weights.flux = -1;
+  EXPECT_THROW(solve_surface(lens, {}, std::vector<Vec2>(25, Vec2(0, 0)), negative), InputError);
   Monitor stop;
   stop.should_stop = [] { return true; };
   EXPECT_THROW(solve_surface(lens, {}, std::vector<Vec2>(25, Vec2(0, 0)), options, stop), Stopped);
