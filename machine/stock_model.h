@@ -22,7 +22,9 @@ struct MachinedSurface {
   Box2 extent;
   double pitch_mm = 0;
   Grid<float> heights_mm;      ///< analytic at the nodes (lower envelope of the swept cutter)
-  Grid<float> peaks_mm;        ///< highest height within half a pitch of the node, ridges between passes intersected analytically
+  /// Highest place within half a pitch of the node, ridges between ball passes intersected analytically, carried back to the
+  /// node along the mean slope of the surfaces that meet there: peak minus design at the node is the cusp, on slopes, too.
+  Grid<float> peaks_mm;
   double removed_mm3 = 0;
 };
 
@@ -36,9 +38,11 @@ class StockModel {
 
   /// The cutter that the next moves use.
   void set_cutter(const Cutter& cutter);
-  /// A move of the current cutter: feed moves cut; rapids must not touch. Shank and holder must never touch.
+  /// A move of the current cutter: feed moves cut; rapids must not touch. Shank and holder must never touch. Faults are of the
+  /// kinds "rapid_in_stock", "spindle_off_in_cut", "collision" (shank or holder) and "table" (below the blank's back); one that
+  /// repeats on consecutive moves or lines is one entry with a count. Throws InputError before the first set_cutter().
   void move(const SweptMove& move);
-  /// Applies what is still collected.
+  /// Applies what is still collected; only then are the faults complete.
   void flush();
 
   [[nodiscard]] const std::vector<Fault>& faults() const;
@@ -50,7 +54,8 @@ class StockModel {
   std::unique_ptr<Impl> impl_;
 };
 
-/// machined.tif (heights) and machined_peaks.tif beside it; whole or absent.
+/// machined.tif (heights, float mm, top row at the largest y), machined_peaks.tif and machined.json (pitch, extent, volume)
+/// beside it. Each is whole or absent, the heights come last: where they are, the others are.
 void write_machined(const std::filesystem::path& heights_path, const MachinedSurface& surface);
 MachinedSurface read_machined(const std::filesystem::path& heights_path);
 
