@@ -19,13 +19,15 @@ std::vector<HolderPiece> read_holder(TomlTable& table, double length_mm) {
   for (const auto& row : table.number_rows("holder", 4)) {
     const HolderPiece piece{row[0], row[1], row[2], row[3]};
     if (piece.from_mm < reached || piece.to_mm <= piece.from_mm) {
-      throw InputError(table.complaint("holder", "rows are [from, to, radius at from, radius at to] in mm above the tip; "
-                                                 "they must go upwards and not overlap"));
+      throw InputError(table.complaint("holder",
+                                       "rows are [from, to, radius at from, radius at to] in mm above the tip; "
+                                       "they must go upwards and not overlap"));
     }
     if (piece.from_radius_mm <= 0 || piece.to_radius_mm <= 0) {
       throw InputError(table.complaint("holder", "radii must be above 0"));
     }
-    if (piece.to_mm > length_mm) throw InputError(table.complaint("holder", "must end at or below the gauge line, length_mm"));
+    if (piece.to_mm > length_mm)
+      throw InputError(table.complaint("holder", "must end at or below the gauge line, length_mm"));
     reached = piece.to_mm;
     holder.push_back(piece);
   }
@@ -38,7 +40,8 @@ Cutter read_cutter(const std::filesystem::path& path) {
   TomlTable table = TomlTable::from_file(path);
   Cutter cutter;
   cutter.name = table.text("name", path.stem().string());
-  if (!table.has("number")) throw InputError(table.complaint("number", "is missing; it is the place in the tool table"));
+  if (!table.has("number"))
+    throw InputError(table.complaint("number", "is missing; it is the place in the tool table"));
   cutter.number = table.integer_in("number", 0, 1, 999);
   cutter.diameter_mm = needed(table, "diameter_mm", 0.05, 100);
   cutter.corner_radius_mm = needed(table, "corner_radius_mm", 0, 50);

@@ -17,10 +17,10 @@ namespace {
 using detail::CentrePath;
 using detail::PathPoint;
 
-constexpr double kBesideMm = 0.5;       ///< air between the ball and the block's side where passes start and end
-constexpr double kLinkAboveMm = 1.5;    ///< of links above the highest place on their way: more than earlier passes leave
-// The curve on which an infill piece lands and leaves: 0.5 mm up at its far end in finishing, 2 mm where a pass before may
-// have left a millimetre.
+constexpr double kBesideMm = 0.5;     ///< air between the ball and the block's side where passes start and end
+constexpr double kLinkAboveMm = 1.5;  ///< of links above the highest place on their way: more than earlier passes leave
+// The curve on which an infill piece lands and leaves: 0.5 mm up at its far end in finishing, 2 mm where a pass before
+// may have left a millimetre.
 constexpr double kLandRadiusMm = 4;
 constexpr double kLandMm = 2;
 constexpr double kLandInStockMm = 4;
@@ -28,19 +28,23 @@ constexpr double kMostTurnRad = 0.5 * kPi / 180;  ///< of the axis in one cuttin
 
 void check(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const FinishOptions& o) {
   const auto refuse = [&](const std::string& what) { throw InputError(o.pass + ": " + what); };
-  if (!ball.is_ball() || !(ball.radius_mm() > 0)) refuse("the cutter '" + ball.name + "' is no ball; give a ball cutter");
+  if (!ball.is_ball() || !(ball.radius_mm() > 0))
+    refuse("the cutter '" + ball.name + "' is no ball; give a ball cutter");
   if (!(o.cusp_um > 0 && o.cusp_um * 1e-3 < ball.radius_mm() / 4)) {
     refuse("cusp_um = " + compact(o.cusp_um, 6) + ": must be above 0 and small against the ball");
   }
-  if (!(o.allowance_mm >= 0 && o.allowance_mm <= 5)) refuse("allowance_mm = " + compact(o.allowance_mm, 6) + ": must be from 0 to 5");
-  if (!(o.chord_tolerance_mm > 0 && o.longest_segment_mm > 0)) refuse("chord tolerance and longest segment must be above 0");
+  if (!(o.allowance_mm >= 0 && o.allowance_mm <= 5))
+    refuse("allowance_mm = " + compact(o.allowance_mm, 6) + ": must be from 0 to 5");
+  if (!(o.chord_tolerance_mm > 0 && o.longest_segment_mm > 0))
+    refuse("chord tolerance and longest segment must be above 0");
   if (!(o.clearance_mm > 0 && o.link_feed_mm_per_s > 0)) refuse("clearance and link feed must be above 0");
-  if (!(ball.feed_mm_per_s() > 0 && ball.plunge_feed_mm_per_s > 0)) refuse("the cutter '" + ball.name + "' has no feeds");
+  if (!(ball.feed_mm_per_s() > 0 && ball.plunge_feed_mm_per_s > 0))
+    refuse("the cutter '" + ball.name + "' has no feeds");
   if (!(o.tilt_rad >= 0 && o.tilt_rad < kPi / 2)) refuse("tilt must be from 0 to below 90 degrees");
   const Box2 block = Box2::centred(blank.size_mm);
   const Box2& lens = surface.extent();
-  if (lens.min.x() < block.min.x() - 1e-6 || lens.min.y() < block.min.y() - 1e-6 || lens.max.x() > block.max.x() + 1e-6 ||
-      lens.max.y() > block.max.y() + 1e-6) {
+  if (lens.min.x() < block.min.x() - 1e-6 || lens.min.y() < block.min.y() - 1e-6 ||
+      lens.max.x() > block.max.x() + 1e-6 || lens.max.y() > block.max.y() + 1e-6) {
     refuse("the blank of " + compact(blank.size_mm.x(), 3) + " x " + compact(blank.size_mm.y(), 3) +
            " mm is smaller than the lens; give a larger one");
   }
@@ -106,7 +110,8 @@ class Planner {
     path.stepover_mm = passes.widest_mm;
     path.predicted_cusp_um = passes.highest_cusp_mm * 1e3;
     path.above_limit_mm2 = passes.above_limit_mm2;
-    path.clearance_z_mm = std::max(blank_.height_mm, surface_.highest() + options_.allowance_mm) + options_.clearance_mm;
+    path.clearance_z_mm =
+        std::max(blank_.height_mm, surface_.highest() + options_.allowance_mm) + options_.clearance_mm;
     assemble(passes.paths, path);
     monitor.report("passes planned", 1);
     return path;
@@ -138,8 +143,9 @@ class Planner {
     }
     const Vec3& p = first_contact->place_mm;
     throw InputError(options_.pass + ": the " + (first_contact->holder ? "holder" : "shank") + " of '" + cutter_.name +
-                     "' would touch the part near x " + fixed(p.x(), 1) + ", y " + fixed(p.y(), 1) + ", z " + fixed(p.z(), 1) +
-                     " mm" + (tries > 1 ? " (and so with " + std::to_string(tries - 1) + " other tilts)" : "") +
+                     "' would touch the part near x " + fixed(p.x(), 1) + ", y " + fixed(p.y(), 1) + ", z " +
+                     fixed(p.z(), 1) + " mm" +
+                     (tries > 1 ? " (and so with " + std::to_string(tries - 1) + " other tilts)" : "") +
                      (first_contact->holder ? "; use a cutter that reaches farther out of its holder"
                                             : "; use a cutter with a thinner shank or less tilt"));
   }
@@ -156,7 +162,8 @@ class Planner {
         if (p.x < last_x + kEveryMm) continue;
         last_x = p.x;
         const Vec3 axis = axis_at(p.x, paths[k].y);
-        if (auto contact = clearance.touches(cutter_, {Vec3(p.x, paths[k].y, p.z) - radius_ * axis, axis})) return contact;
+        if (auto contact = clearance.touches(cutter_, {Vec3(p.x, paths[k].y, p.z) - radius_ * axis, axis}))
+          return contact;
       }
     }
     return std::nullopt;
@@ -231,7 +238,9 @@ class Planner {
     // A tooth advances at most a third of the way to the next pass.
     const double teeth_per_s = cutter_.spindle_rpm / 60 * cutter_.edges;
     const double cut_feed = std::min(cutter_.feed_mm_per_s(), teeth_per_s * out.stepover_mm / 3);
-    const auto link = [&](const ToolPose& to) { out.moves.push_back({to, MoveKind::kLink, options_.link_feed_mm_per_s}); };
+    const auto link = [&](const ToolPose& to) {
+      out.moves.push_back({to, MoveKind::kLink, options_.link_feed_mm_per_s});
+    };
     const auto at_height = [](ToolPose p, double tip_z) {
       p.tip_mm.z() = tip_z;
       return p;
@@ -254,7 +263,8 @@ class Planner {
       if (!lead_) {
         const double from = std::min(way.back().centre.x(), next.front().centre.x());
         const double to = std::max(way.back().centre.x(), next.front().centre.x());
-        const double centre = std::max({highest_near(paths, k, from, to) + kLinkAboveMm, way.back().centre.z(), next.front().centre.z()});
+        const double centre =
+            std::max({highest_near(paths, k, from, to) + kLinkAboveMm, way.back().centre.z(), next.front().centre.z()});
         tip_from = std::min(tip_from, centre - radius_ * axis_.z());
         tip_from = std::max({tip_from, pose(way.back()).tip_mm.z(), pose(next.front()).tip_mm.z()});
       }
@@ -282,8 +292,8 @@ class Planner {
 
 }  // namespace
 
-ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const FinishOptions& options,
-                        const Monitor& monitor) {
+ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
+                        const FinishOptions& options, const Monitor& monitor) {
   check(surface, blank, ball, options);
   return Planner(surface, blank, ball, options).plan(monitor);
 }

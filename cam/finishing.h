@@ -12,26 +12,28 @@ enum class AxisPolicy { kFixed, kVertical, kLeadTilt };
 
 struct FinishOptions {
   std::string pass = "finish";
-  double cusp_um = 1.3;               ///< the guarantee on the reachable surface (1.5 less a margin)
-  double allowance_mm = 0;            ///< left on the surface (semi-finishing: 0.05)
+  double cusp_um = 1.3;     ///< the guarantee on the reachable surface (1.5 less a margin)
+  double allowance_mm = 0;  ///< left on the surface (semi-finishing: 0.05)
   AxisPolicy axis = AxisPolicy::kFixed;
-  double tilt_rad = 30 * kPi / 180;   ///< of the fixed axis from +Z; of lead_tilt: lead from the normal along the pass
-  double tilt_direction_rad = -kPi / 2;  ///< where the fixed axis leans, from +X (default: to -Y, which makes passes along
-                                         ///< +X with y growing climb milling); tilt and direction give way to the slopes
-  double chord_tolerance_mm = 5e-5;   ///< of the ball's centre path
+  double tilt_rad = 30 * kPi / 180;  ///< of the fixed axis from +Z; of lead_tilt: lead from the normal along the pass
+  double tilt_direction_rad =
+      -kPi / 2;                      ///< where the fixed axis leans, from +X (default: to -Y, which makes passes along
+                                     ///< +X with y growing climb milling); tilt and direction give way to the slopes
+  double chord_tolerance_mm = 5e-5;  ///< of the ball's centre path
   double longest_segment_mm = 0.2;
-  double link_feed_mm_per_s = 80;     ///< kLink moves
-  double clearance_mm = 5;            ///< of the tip above the blank for rapids
+  double link_feed_mm_per_s = 80;  ///< kLink moves
+  double clearance_mm = 5;         ///< of the tip above the blank for rapids
 };
 
-/// One-way passes along +X (climb milling), y growing, each entered and left beside the part in air, tangentially; where a
-/// short stretch alone asks for closer passes it gets pieces of its own, landed on and left along a gentle curve.
-/// Throws InputError when no fixed tilt keeps the contact off the ball's centre and the shank off the part, naming the slopes.
-ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const FinishOptions& options,
-                        const Monitor& monitor = {});
+/// One-way passes along +X (climb milling), y growing, each entered and left beside the part in air, tangentially;
+/// where a short stretch alone asks for closer passes it gets pieces of its own, landed on and left along a gentle
+/// curve. Throws InputError when no fixed tilt keeps the contact off the ball's centre and the shank off the part,
+/// naming the slopes.
+ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
+                        const FinishOptions& options, const Monitor& monitor = {});
 
-/// z of the centre of a ball of radius R that rests on the surface over (x, y) without gouging it anywhere (the surface's
-/// dilation); exact to 1e-6 mm by Newton on the smooth surface.
+/// z of the centre of a ball of radius R that rests on the surface over (x, y) without gouging it anywhere (the
+/// surface's dilation); exact to 1e-6 mm by Newton on the smooth surface.
 double ball_centre_height(const SplineSurface& surface, double radius_mm, double x, double y);
 
 }  // namespace lightmill

@@ -15,15 +15,15 @@ namespace lightmill {
 
 namespace {
 
-constexpr double kPitchMm = 0.25;          ///< of the height grid, at most
-constexpr double kTouchMm = 0.02;          ///< less material than this above the cutter's surface is none
-constexpr double kRampSlope = 0.0524;      ///< 3 degrees: the steepest way down with the centre in material
-constexpr double kCoreShare = 0.5;         ///< of the radius that must not be pushed down into material
-constexpr double kGapMm = 10;              ///< stretches nearer than this are milled as one
-constexpr double kAboveMm = 1;             ///< of links above material
-constexpr double kShortLinkMm = 30;        ///< a longer way back is a rapid at full clearance
-constexpr double kFinalScallopMm = 0.25;   ///< aim for what the last raster leaves between its lines
-constexpr int kMostTraverses = 40;         ///< of a pit, each 3 degrees deeper
+constexpr double kPitchMm = 0.25;         ///< of the height grid, at most
+constexpr double kTouchMm = 0.02;         ///< less material than this above the cutter's surface is none
+constexpr double kRampSlope = 0.0524;     ///< 3 degrees: the steepest way down with the centre in material
+constexpr double kCoreShare = 0.5;        ///< of the radius that must not be pushed down into material
+constexpr double kGapMm = 10;             ///< stretches nearer than this are milled as one
+constexpr double kAboveMm = 1;            ///< of links above material
+constexpr double kShortLinkMm = 30;       ///< a longer way back is a rapid at full clearance
+constexpr double kFinalScallopMm = 0.25;  ///< aim for what the last raster leaves between its lines
+constexpr int kMostTraverses = 40;        ///< of a pit, each 3 degrees deeper
 constexpr float kNothing = -1e6f;
 
 /// Height of the cutter's surface above its tip at distance r from the axis.
@@ -38,7 +38,7 @@ double profile(const Cutter& mill, double r) {
 /// A node's offset under the cutter.
 struct Offset {
   int i, j;
-  float up;    ///< the cutter's surface above its tip there
+  float up;  ///< the cutter's surface above its tip there
   bool core;
 };
 
@@ -85,7 +85,8 @@ class Rougher {
     monitor.report("following the offset surface", 0.8);
     raster(-std::numeric_limits<double>::infinity(), final_stride(stride), monitor);
     if (moves_.empty()) {
-      throw InputError("rough: the blank of " + compact(blank_.height_mm, 4) + " mm leaves nothing to rough; leave this pass out");
+      throw InputError("rough: the blank of " + compact(blank_.height_mm, 4) +
+                       " mm leaves nothing to rough; leave this pass out");
     }
 
     ToolPath path;
@@ -121,9 +122,9 @@ class Rougher {
         steepest2 = std::max(steepest2, s.hx * s.hx + s.hy * s.hy);
       }
     }
-    // Near its contact, the gap below the cutter opens with the curvature of the corner's flank, (1 + s^2)^1.5 / r at slope
-    // s, and at most 1 / mm of the surface's; a node is within half a cell's diagonal of the contact, and a chord of the tip's
-    // way one cell long sags by an eighth of its square.
+    // Near its contact, the gap below the cutter opens with the curvature of the corner's flank, (1 + s^2)^1.5 / r at
+    // slope s, and at most 1 / mm of the surface's; a node is within half a cell's diagonal of the contact, and a chord
+    // of the tip's way one cell long sags by an eighth of its square.
     const double s2 = std::min(steepest2, 1.0);
     const double corner = mill_.corner_radius_mm > 0 ? std::pow(1 + s2, 1.5) / mill_.corner_radius_mm : 4;
     const double bend = (s2 > 1e-6 ? corner : 0) + 1;
@@ -171,15 +172,16 @@ class Rougher {
     }
     const std::size_t rank = slopes.size() * 99 / 100;
     std::nth_element(slopes.begin(), slopes.begin() + static_cast<std::ptrdiff_t>(rank), slopes.end());
-    const double stepover = std::clamp(kFinalScallopMm / std::max(0.01, static_cast<double>(slopes[rank])), 0.5, options_.stepover_mm);
+    const double stepover =
+        std::clamp(kFinalScallopMm / std::max(0.01, static_cast<double>(slopes[rank])), 0.5, options_.stepover_mm);
     return std::clamp(static_cast<int>(stepover / dy_ + 1e-9), 1, rough_stride);
   }
 
   /// What the cutter with its tip at node (i, j), height z would meet.
   struct Meeting {
     bool touches = false;
-    int rows = 0;            ///< count of grid rows with material: the engaged width
-    float core_top = kNothing;   ///< highest material under the cutter's core
+    int rows = 0;               ///< count of grid rows with material: the engaged width
+    float core_top = kNothing;  ///< highest material under the cutter's core
   };
   [[nodiscard]] Meeting meet(int i, int j, double z) const {
     Meeting m;
@@ -217,8 +219,8 @@ class Rougher {
   }
 
   /// All lines of one level, from +y to -y: along +X the material is then on the right, climb milling. The first line
-  /// stands outside, so that it takes no more than the stepover; the last one so far out that the cutter's flat just passes
-  /// the border (where the surface falls towards the border, its uphill rim does the cutting).
+  /// stands outside, so that it takes no more than the stepover; the last one so far out that the cutter's flat just
+  /// passes the border (where the surface falls towards the border, its uphill rim does the cutting).
   void raster(double level, int stride, const Monitor& monitor) {
     const double first_y = box_.max.y() + radius_ - stride * dy_;
     int j = static_cast<int>(std::floor((first_y - box_.min.y()) / dy_ + 1e-9)) + rim_y_;
@@ -244,16 +246,20 @@ class Rougher {
       std::vector<std::pair<int, int>> stretches;
       for (int i = 0; i < tip_columns(); ++i) {
         if (!need[i]) continue;
-        if (!stretches.empty() && i - stretches.back().second <= gap) stretches.back().second = i;
-        else stretches.emplace_back(i, i);
+        if (!stretches.empty() && i - stretches.back().second <= gap)
+          stretches.back().second = i;
+        else
+          stretches.emplace_back(i, i);
       }
       const bool forward = traverse % 2 == 0;
       if (!forward) std::reverse(stretches.begin(), stretches.end());
       for (const auto& [first, last] : stretches) {
         const int from = std::max(0, first - 1);
         const int to = std::min(tip_columns() - 1, last + 1);
-        if (forward) mill_stretch(wish, j, from, to);
-        else mill_stretch(wish, j, to, from);
+        if (forward)
+          mill_stretch(wish, j, from, to);
+        else
+          mill_stretch(wish, j, to, from);
       }
     }
   }
@@ -320,7 +326,8 @@ class Rougher {
         lift_to(clearance_z_);
         push({start.x(), start.y(), clearance_z_}, MoveKind::kRapid, 0);
       } else {
-        const double over = std::min(clearance_z_, std::max({highest_between(here, start) + kAboveMm, here.z(), start.z()}));
+        const double over =
+            std::min(clearance_z_, std::max({highest_between(here, start) + kAboveMm, here.z(), start.z()}));
         lift_to(over);
         push({start.x(), start.y(), over}, MoveKind::kLink, options_.link_feed_mm_per_s);
       }
@@ -391,8 +398,8 @@ class Rougher {
 
 }  // namespace
 
-ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const RoughOptions& options,
-                       const Monitor& monitor) {
+ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill,
+                       const RoughOptions& options, const Monitor& monitor) {
   const auto refuse = [](const std::string& what) { throw InputError("rough: " + what); };
   if (!(blank.size_mm.x() > 0 && blank.size_mm.y() > 0 && blank.height_mm > 0)) refuse("the blank has no size");
   if (!(mill.radius_mm() > 0 && mill.feed_mm_per_s() > 0 && mill.plunge_feed_mm_per_s > 0)) {
@@ -406,8 +413,8 @@ ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const C
   if (!(options.clearance_mm > 0 && options.link_feed_mm_per_s > 0)) refuse("clearance and link feed must be above 0");
   const Box2 block = Box2::centred(blank.size_mm);
   const Box2& lens = surface.extent();
-  if (lens.min.x() < block.min.x() - 1e-6 || lens.min.y() < block.min.y() - 1e-6 || lens.max.x() > block.max.x() + 1e-6 ||
-      lens.max.y() > block.max.y() + 1e-6) {
+  if (lens.min.x() < block.min.x() - 1e-6 || lens.min.y() < block.min.y() - 1e-6 ||
+      lens.max.x() > block.max.x() + 1e-6 || lens.max.y() > block.max.y() + 1e-6) {
     refuse("the blank of " + compact(blank.size_mm.x(), 3) + " x " + compact(blank.size_mm.y(), 3) +
            " mm is smaller than the lens; give a larger one");
   }

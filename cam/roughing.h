@@ -17,7 +17,7 @@ struct RoughOptions {
 };
 
 /// Vertical axis, climb milling, entered from beside the block, no plunge into material.
-ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const RoughOptions& options,
-                       const Monitor& monitor = {});
+ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill,
+                       const RoughOptions& options, const Monitor& monitor = {});
 
 }  // namespace lightmill

@@ -189,11 +189,13 @@ std::vector<ToolPath> read_toolpaths(const std::filesystem::path& path) {
     if (in.get<char>() != c) in.broken("it starts differently");
   }
   const auto version = in.get<std::uint32_t>();
-  if (version != kVersion) in.broken("version " + std::to_string(version) + ", this program reads " + std::to_string(kVersion));
+  if (version != kVersion)
+    in.broken("version " + std::to_string(version) + ", this program reads " + std::to_string(kVersion));
   std::uint64_t stored = 0;
   if (bytes.size() < sizeof kMagic + sizeof version + sizeof stored) in.broken("it ends too early");
   std::memcpy(&stored, bytes.data() + bytes.size() - sizeof stored, sizeof stored);
-  if (stored != digest(std::string_view(bytes).substr(0, bytes.size() - sizeof stored))) in.broken("its checksum is wrong");
+  if (stored != digest(std::string_view(bytes).substr(0, bytes.size() - sizeof stored)))
+    in.broken("its checksum is wrong");
   std::vector<ToolPath> passes(in.count(1));
   for (ToolPath& pass : passes) {
     pass.pass = in.text();

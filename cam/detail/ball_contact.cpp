@@ -9,8 +9,8 @@ namespace lightmill::detail {
 namespace {
 
 /// Climbs from `start` to the local maximum of f(p) = h(p) + sqrt(R^2 - |p - c|^2).
-/// Newton where f is concave, else along the gradient; a step that loses height is halved, none is longer than `most_step`
-/// (or it might leave for a lower hill).
+/// Newton where f is concave, else along the gradient; a step that loses height is halved, none is longer than
+/// `most_step` (or it might leave for a lower hill).
 Contact climb(const SplineSurface& surface, double radius, const Vec2& centre, const Vec2& start, double most_step) {
   constexpr int kMostSteps = 60;
   constexpr double kLastStepMm = 1e-4;  // Newton converges quadratically: what is left after such a step is below 1e-8
@@ -94,8 +94,8 @@ BallContact::BallContact(const SplineSurface& surface, double radius_mm, double 
   // Between samples a slope can be a little steeper.
   steepest_ = 1.05 * std::sqrt(steepest2) + 0.01;
   reach_mm_ = radius_mm * steepest_ / std::sqrt(1 + steepest_ * steepest_);
-  // A sample lies within half a cell's diagonal of any maximum of f, and there f is lower by at most half its curvature (the
-  // ball's at the steepest contact, and the surface's) times the square of that.
+  // A sample lies within half a cell's diagonal of any maximum of f, and there f is lower by at most half its curvature
+  // (the ball's at the steepest contact, and the surface's) times the square of that.
   const double curvature = std::pow(1 + steepest_ * steepest_, 1.5) / radius_mm + bend;
   missed_mm_ = std::min(0.5 * radius_mm, curvature / 2 * pitch_mm_.squaredNorm() / 4);
 }
@@ -152,9 +152,9 @@ Contact BallContact::at(double x, double y) const {
       const bool highest = !(i > 0 && at[-1] > value) && !(i + 1 < columns && at[1] > value) &&
                            !(j > 0 && at[-columns] > value) && !(j + 1 < rows && at[columns] > value);
       if (!highest) continue;
-      const Contact contact = climb(*surface_, radius_mm_, {x, y},
-                                    {first_.x() + (i0 + i) * pitch_mm_.x(), first_.y() + (j0 + j) * pitch_mm_.y()},
-                                    pitch_mm_.minCoeff());
+      const Contact contact =
+          climb(*surface_, radius_mm_, {x, y},
+                {first_.x() + (i0 + i) * pitch_mm_.x(), first_.y() + (j0 + j) * pitch_mm_.y()}, pitch_mm_.minCoeff());
       if (contact.z > winner.z) winner = contact;
     }
   }
@@ -192,7 +192,8 @@ Contact ball_contact(const SplineSurface& surface, double radius_mm, double x, d
         }
       }
       if (!highest) continue;
-      const Contact contact = climb(surface, radius_mm, {x, y}, {x + (i - nx) * px, y + (j - ny) * py}, std::min(px, py));
+      const Contact contact =
+          climb(surface, radius_mm, {x, y}, {x + (i - nx) * px, y + (j - ny) * py}, std::min(px, py));
       if (contact.z > winner.z) winner = contact;
     }
   }

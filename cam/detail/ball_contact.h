@@ -10,19 +10,19 @@ namespace lightmill::detail {
 
 /// A ball at rest on the surface.
 struct Contact {
-  double z = 0;                   ///< of the ball's centre, mm: the dilation D(x, y)
-  Vec2 point = Vec2::Zero();      ///< (x, y) of the place where it touches (the highest one if several)
-  Vec2 slope = Vec2::Zero();      ///< of the surface there; also the gradient of D (envelope theorem)
+  double z = 0;               ///< of the ball's centre, mm: the dilation D(x, y)
+  Vec2 point = Vec2::Zero();  ///< (x, y) of the place where it touches (the highest one if several)
+  Vec2 slope = Vec2::Zero();  ///< of the surface there; also the gradient of D (envelope theorem)
 };
 
-/// The dilation D(c) = max over p of h(p) + sqrt(R^2 - |p - c|^2) of one surface by one ball. A scan of height samples finds
-/// every local maximum that can win, Newton on the C2 spline makes them exact (below 1e-8 mm). Only places with
+/// The dilation D(c) = max over p of h(p) + sqrt(R^2 - |p - c|^2) of one surface by one ball. A scan of height samples
+/// finds every local maximum that can win, Newton on the C2 spline makes them exact (below 1e-8 mm). Only places with
 /// |p - c| <= R s / sqrt(1 + s^2), s the steepest slope of the surface, can hold a contact, so only those are scanned.
 /// Immutable after construction: safe to use from several threads.
 class BallContact {
  public:
-  /// Samples the surface up to `margin_mm` outside its rectangle (centres up to about margin - R outside are quick, those
-  /// farther out are still exact but slow). `surface` must outlive this.
+  /// Samples the surface up to `margin_mm` outside its rectangle (centres up to about margin - R outside are quick,
+  /// those farther out are still exact but slow). `surface` must outlive this.
   BallContact(const SplineSurface& surface, double radius_mm, double margin_mm);
 
   [[nodiscard]] double radius_mm() const { return radius_mm_; }

@@ -17,8 +17,8 @@ constexpr double kStationMm = 0.015;     ///< stations nearer than this are one
 constexpr double kLeastOfFlat = 0.25;    ///< a march never takes smaller steps than this share of the flat stepover
 constexpr double kMostOfFlat = 2.0;
 constexpr double kInfillLeastOfFlat = 1.0 / 16;
-constexpr double kInfillGrowMm = 0.6;    ///< an infill piece starts before and ends after the stretch that asks for it
-constexpr double kInfillMergeMm = 4;     ///< pieces nearer than this become one
+constexpr double kInfillGrowMm = 0.6;  ///< an infill piece starts before and ends after the stretch that asks for it
+constexpr double kInfillMergeMm = 4;   ///< pieces nearer than this become one
 
 PathPoint point_at(const BallContact& ball, double x, double y) {
   const Contact contact = ball.at(x, y);
@@ -37,8 +37,8 @@ double squared_distance(const PathPoint& a, const PathPoint& b, double x, double
   return ex * ex + ez * ez;
 }
 
-/// Distance from q to a path, by walking downhill from the segment after vertex `hint`, looking a little ahead because of
-/// kinks. Should a nearer place lie behind a hill, the answer is too large, never too small.
+/// Distance from q to a path, by walking downhill from the segment after vertex `hint`, looking a little ahead because
+/// of kinks. Should a nearer place lie behind a hill, the answer is too large, never too small.
 double distance(const CentrePath& path, std::size_t hint, const Vec3& q) {
   const auto& points = path.points;
   const int last = static_cast<int>(points.size()) - 2;
@@ -65,10 +65,10 @@ double distance(const CentrePath& path, std::size_t hint, const Vec3& q) {
 /// What two neighbouring paths leave at one place along them.
 struct Station {
   double x = 0;
-  double length = 0;    ///< of path that it stands for
-  double width = 0;     ///< between the two contacts
-  double cusp = 0;      ///< highest on the reachable surface between the contacts, mm
-  bool jump = false;    ///< the contacts are far apart: cusp grows with the spacing, not with its square
+  double length = 0;  ///< of path that it stands for
+  double width = 0;   ///< between the two contacts
+  double cusp = 0;    ///< highest on the reachable surface between the contacts, mm
+  bool jump = false;  ///< the contacts are far apart: cusp grows with the spacing, not with its square
 };
 
 class Spacer {
@@ -99,8 +99,10 @@ class Spacer {
       for (int trial = 0; trial < 4; ++trial) {
         double next_y = here.y + spacing;
         // No sliver before the end: the last two steps share what is left.
-        if (next_y > end_y - 1e-9) next_y = end_y;
-        else if (next_y > end_y - least) next_y = (here.y + end_y) / 2;
+        if (next_y > end_y - 1e-9)
+          next_y = end_y;
+        else if (next_y > end_y - least)
+          next_y = (here.y + end_y) / 2;
         next = path(next_y);
         stations = leftover(here, next, -kInfinity, kInfinity);
         const double taken = next_y - here.y;
@@ -137,7 +139,8 @@ class Spacer {
     Vec3 on_surface;
     [[nodiscard]] double cusp() const { return std::min(a, b); }
   };
-  [[nodiscard]] Left left_at(const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j, const Vec2& p) const {
+  [[nodiscard]] Left left_at(const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j,
+                             const Vec2& p) const {
     Left left;
     const double allowance = ball_.radius_mm() - options_.cutting_radius_mm;
     Vec3 q;
@@ -154,9 +157,9 @@ class Spacer {
     return left;
   }
 
-  /// Highest cusp between two paths at x, by following the contact as the ball goes from one to the other. Everything it
-  /// touches is reachable. Where it jumps, a ball rests on two flanks at once, and what is between is reachable only so far as
-  /// that ball leaves less than 0.1 um there.
+  /// Highest cusp between two paths at x, by following the contact as the ball goes from one to the other. Everything
+  /// it touches is reachable. Where it jumps, a ball rests on two flanks at once, and what is between is reachable only
+  /// so far as that ball leaves less than 0.1 um there.
   class Follower {
    public:
     Follower(const Spacer& spacer, const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j, double x)
@@ -206,7 +209,8 @@ class Spacer {
   };
 
   /// Stations at the vertices of both paths within [from_x, to_x]; `a` and `b` may be of different lengths.
-  [[nodiscard]] std::vector<Station> leftover(const CentrePath& a, const CentrePath& b, double from_x, double to_x) const {
+  [[nodiscard]] std::vector<Station> leftover(const CentrePath& a, const CentrePath& b, double from_x,
+                                              double to_x) const {
     const double spacing = b.y - a.y;
     const double low = std::max({from_x, a.points.front().x, b.points.front().x});
     const double high = std::min({to_x, a.points.back().x, b.points.back().x});
@@ -214,8 +218,10 @@ class Spacer {
     std::size_t i = 0, j = 0;
     while (i < a.points.size() || j < b.points.size()) {
       double x;
-      if (j >= b.points.size() || (i < a.points.size() && a.points[i].x <= b.points[j].x)) x = a.points[i++].x;
-      else x = b.points[j++].x;
+      if (j >= b.points.size() || (i < a.points.size() && a.points[i].x <= b.points[j].x))
+        x = a.points[i++].x;
+      else
+        x = b.points[j++].x;
       if (x >= low && x <= high && (xs.empty() || x - xs.back() > kStationMm)) xs.push_back(x);
     }
     // Where the ball touches from each path; where a contact goes far between stations, more of them.
@@ -227,7 +233,8 @@ class Spacer {
     std::vector<Touch> touches;
     i = j = 0;
     const auto follow = [](const CentrePath& path, double x, std::size_t& at) {
-      while (at + 1 < path.points.size() && std::abs(path.points[at + 1].x - x) <= std::abs(path.points[at].x - x)) ++at;
+      while (at + 1 < path.points.size() && std::abs(path.points[at + 1].x - x) <= std::abs(path.points[at].x - x))
+        ++at;
     };
     const auto touch_at = [&](double x, bool exact) {
       follow(a, x, i);
@@ -244,8 +251,8 @@ class Spacer {
         const Touch last = touches.back();
         const double dx = x - last.x;
         const double far = 2 * dx + 0.5 * spacing;
-        if ((next.pa - last.pa).norm() > far || (next.pb - last.pb).norm() > far || (next.pb - next.pa).norm() > 2.2 * spacing ||
-            (last.pb - last.pa).norm() > 2.2 * spacing) {
+        if ((next.pa - last.pa).norm() > far || (next.pb - last.pb).norm() > far ||
+            (next.pb - next.pa).norm() > 2.2 * spacing || (last.pb - last.pa).norm() > 2.2 * spacing) {
           i = last.i;
           j = last.j;
           const int pieces = static_cast<int>(std::ceil(dx / fine));
@@ -312,8 +319,10 @@ class Spacer {
       for (std::size_t k = 0; k < wishes.size(); ++k) {
         if (wishes[k].spacing >= s) continue;
         const double x = stations[k].x;
-        if (x > last_end + kInfillMergeMm) extra += 2 * kInfillGrowMm + 6;
-        else extra += std::max(0.0, x - last_end - wishes[k].length);
+        if (x > last_end + kInfillMergeMm)
+          extra += 2 * kInfillGrowMm + 6;
+        else
+          extra += std::max(0.0, x - last_end - wishes[k].length);
         last_end = std::max(last_end, x);
         extra += wishes[k].length * (std::exp2(std::ceil(std::log2(s / wishes[k].spacing))) - 1);
       }
@@ -346,8 +355,8 @@ class Spacer {
       }
       const double from = stations[k].x - kInfillGrowMm;
       const double to = stations[last].x + kInfillGrowMm;
-      CentrePath piece = centre_path(ball_, (a.y + b.y) / 2, std::max(from, options_.from_x), std::min(to, options_.to_x),
-                                     options_.tolerance);
+      CentrePath piece = centre_path(ball_, (a.y + b.y) / 2, std::max(from, options_.from_x),
+                                     std::min(to, options_.to_x), options_.tolerance);
       piece.infill = true;
       ++result.infill_pieces;
       const double inner_from = stations[k].x;
@@ -362,7 +371,8 @@ class Spacer {
   const BallContact& ball_;
   const SpacingOptions& options_;
   double flat_;
-  Box2 wanted_;  // the lens and what is just beyond its border, so that the last point on it is looked at from both sides
+  Box2 wanted_;  // the lens and what is just beyond its border, so that the last point on it is looked at from both
+                 // sides
 };
 
 }  // namespace
@@ -384,8 +394,10 @@ CentrePath centre_path(const BallContact& ball, double y, double from_x, double 
     while (true) {
       // No sliver at the end.
       double length = step;
-      if (here.x + length > to_x - 1e-9) length = to_x - here.x;
-      else if (here.x + 1.5 * length > to_x) length = (to_x - here.x) / 2;
+      if (here.x + length > to_x - 1e-9)
+        length = to_x - here.x;
+      else if (here.x + 1.5 * length > to_x)
+        length = (to_x - here.x) / 2;
       next = point_at(ball, here.x + length, y);
       if (length == to_x - here.x) next.x = to_x;
       const double chord = (next.z - here.z) / length;

@@ -11,15 +11,15 @@ namespace lightmill::detail {
 /// A vertex of a centre path.
 struct PathPoint {
   double x = 0;
-  double z = 0;          ///< of the ball's centre
-  double slope = 0;      ///< dz/dx of the exact centre path
+  double z = 0;      ///< of the ball's centre
+  double slope = 0;  ///< dz/dx of the exact centre path
   Vec2 contact = Vec2::Zero();
 };
 
 /// The way of a ball's centre along +X in the plane y, as the polyline that will be milled.
 struct CentrePath {
   double y = 0;
-  bool infill = false;   ///< a piece between two passes: it lands on and leaves the surface
+  bool infill = false;  ///< a piece between two passes: it lands on and leaves the surface
   std::vector<PathPoint> points;
 };
 
@@ -34,24 +34,25 @@ struct PathTolerance {
 CentrePath centre_path(const BallContact& ball, double y, double from_x, double to_x, const PathTolerance& tolerance);
 
 struct SpacingOptions {
-  double cutting_radius_mm = 2;   ///< R of the cutter; `ball` has R + allowance
-  double cusp_mm = 1.3e-3;        ///< highest cusp on the reachable surface, along its normal
-  double from_x = 0, to_x = 0;    ///< of every full pass
-  double from_y = 0, to_y = 0;    ///< first and last pass
+  double cutting_radius_mm = 2;  ///< R of the cutter; `ball` has R + allowance
+  double cusp_mm = 1.3e-3;       ///< highest cusp on the reachable surface, along its normal
+  double from_x = 0, to_x = 0;   ///< of every full pass
+  double from_y = 0, to_y = 0;   ///< first and last pass
   PathTolerance tolerance;
 };
 
 struct SpacedPasses {
-  std::vector<CentrePath> paths;    ///< y growing; infill between the passes it belongs to
-  double widest_mm = 0;             ///< distance between neighbouring full passes
-  double highest_cusp_mm = 0;       ///< expected on the reachable surface
-  double above_limit_mm2 = 0;       ///< reachable area where it is above the limit
+  std::vector<CentrePath> paths;  ///< y growing; infill between the passes it belongs to
+  double widest_mm = 0;           ///< distance between neighbouring full passes
+  double highest_cusp_mm = 0;     ///< expected on the reachable surface
+  double above_limit_mm2 = 0;     ///< reachable area where it is above the limit
   long infill_pieces = 0;
 };
 
-/// A march in y: each pass as far from the one before as the cusp allows at the lowest cost; where a short stretch alone
-/// asks for closer passes it gets infill pieces instead. The cusp at a surface point is its distance to the nearest of
-/// the two polylines less R. Points that no ball can reach (closing above the surface by 0.1 um) ask for nothing.
+/// A march in y: each pass as far from the one before as the cusp allows at the lowest cost; where a short stretch
+/// alone asks for closer passes it gets infill pieces instead. The cusp at a surface point is its distance to the
+/// nearest of the two polylines less R. Points that no ball can reach (closing above the surface by 0.1 um) ask for
+/// nothing.
 SpacedPasses space_passes(const BallContact& ball, const SpacingOptions& options, const Monitor& monitor);
 
 /// Stepover on a plane along the passes, from the cusp: s = 2 sqrt(h (2 R - h)).

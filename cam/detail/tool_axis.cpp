@@ -14,7 +14,9 @@ namespace {
 
 constexpr double kDegree = kPi / 180;
 
-std::string degrees(double rad) { return fixed(rad / kDegree, 1); }
+std::string degrees(double rad) {
+  return fixed(rad / kDegree, 1);
+}
 
 /// The normals of the surface, those that differ by less than 0.003 in slope as one.
 std::vector<Vec3> distinct_normals(const SplineSurface& surface) {
@@ -25,8 +27,10 @@ std::vector<Vec3> distinct_normals(const SplineSurface& surface) {
   std::vector<std::pair<int, int>> bins;
   for (int j = 0; j <= ny; ++j) {
     for (int i = 0; i <= nx; ++i) {
-      const auto s = surface.sample(extent.min.x() + extent.size().x() * i / nx, extent.min.y() + extent.size().y() * j / ny);
-      const std::pair<int, int> bin(static_cast<int>(std::lround(s.hx / kBin)), static_cast<int>(std::lround(s.hy / kBin)));
+      const auto s =
+          surface.sample(extent.min.x() + extent.size().x() * i / nx, extent.min.y() + extent.size().y() * j / ny);
+      const std::pair<int, int> bin(static_cast<int>(std::lround(s.hx / kBin)),
+                                    static_cast<int>(std::lround(s.hy / kBin)));
       if (bins.empty() || bins.back() != bin) bins.push_back(bin);
     }
     if (j % 64 == 0 || j == ny) {
@@ -48,7 +52,8 @@ double steepest_of(const std::vector<Vec3>& normals) {
 }  // namespace
 
 Vec3 FixedTilt::axis() const {
-  return {std::sin(tilt_rad) * std::cos(direction_rad), std::sin(tilt_rad) * std::sin(direction_rad), std::cos(tilt_rad)};
+  return {std::sin(tilt_rad) * std::cos(direction_rad), std::sin(tilt_rad) * std::sin(direction_rad),
+          std::cos(tilt_rad)};
 }
 
 std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad, double direction_rad) {
@@ -85,10 +90,11 @@ std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad
   std::stable_sort(others.begin(), others.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   for (const auto& [cost, t] : others) found.push_back(t);
   if (found.empty()) {
-    throw InputError("finish.axis: no fixed tilt keeps the ball's contact between " + degrees(kLeastContactAngle) + " and " +
-                     degrees(kMostContactAngle) + " degrees from the axis; the surface is up to " +
-                     degrees(steepest_of(normals)) + " degrees steep, and " + degrees(tilt_rad) + " degrees of tilt give " +
-                     degrees(wished.least_contact_rad) + " to " + degrees(wished.most_contact_rad) +
+    throw InputError("finish.axis: no fixed tilt keeps the ball's contact between " + degrees(kLeastContactAngle) +
+                     " and " + degrees(kMostContactAngle) + " degrees from the axis; the surface is up to " +
+                     degrees(steepest_of(normals)) + " degrees steep, and " + degrees(tilt_rad) +
+                     " degrees of tilt give " + degrees(wished.least_contact_rad) + " to " +
+                     degrees(wished.most_contact_rad) +
                      "; use axis = \"lead_tilt\", or a longer focal distance or a smaller picture");
   }
   return found;
@@ -159,8 +165,8 @@ LeadField::LeadField(const SplineSurface& surface, double lead_rad) : lead_(lead
     }
     if (least >= kLeastContactAngle && most <= kMostContactAngle && upright >= kLeastFromVertical) return;
     if (raise == 0) {
-      why = "a lead of " + degrees(lead_) + " degrees gives contact angles from " + degrees(least) + " to " + degrees(most) +
-            " degrees and an axis down to " + degrees(upright) + " degrees from vertical";
+      why = "a lead of " + degrees(lead_) + " degrees gives contact angles from " + degrees(least) + " to " +
+            degrees(most) + " degrees and an axis down to " + degrees(upright) + " degrees from vertical";
     }
   }
   throw InputError("finish.axis: no lead keeps the ball's contact between " + degrees(kLeastContactAngle) + " and " +

@@ -13,7 +13,7 @@ namespace {
 struct Cylinder {
   double from = 0, to = 0, radius = 0;
   bool holder = false;
-  Vec3 low, high;   // bounding box
+  Vec3 low, high;  // bounding box
 };
 
 Cylinder cylinder(const ToolPose& pose, double from, double to, double radius, bool holder) {

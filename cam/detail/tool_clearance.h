@@ -14,7 +14,7 @@ namespace lightmill::detail {
 /// Where a tool touches what it should not.
 struct ToolContact {
   Vec3 place_mm = Vec3::Zero();
-  bool holder = false;   ///< else the shank
+  bool holder = false;  ///< else the shank
 };
 
 /// Highest material over cells of the blank (the surface and what stands above it) with a pyramid of maxima.
@@ -26,7 +26,8 @@ class ToolClearance {
   /// The shank (from the ball's equator or the top of the corner upwards) and the holder (kept clear by `holder_mm`)
   /// against the material. A vertical line meets a cylinder in one interval; a column of material collides if it is
   /// higher than the interval's lower end.
-  [[nodiscard]] std::optional<ToolContact> touches(const Cutter& cutter, const ToolPose& pose, double holder_mm = 0.5) const;
+  [[nodiscard]] std::optional<ToolContact> touches(const Cutter& cutter, const ToolPose& pose,
+                                                   double holder_mm = 0.5) const;
 
  private:
   struct Level {
@@ -34,7 +35,7 @@ class ToolClearance {
     Grid<float> highest;
   };
   Vec2 first_;
-  std::vector<Level> levels_;   // finest first
+  std::vector<Level> levels_;  // finest first
 };
 
 }  // namespace lightmill::detail

@@ -34,8 +34,9 @@ holder = [[20, 30, 6, 8.5], [30.0, 60.0, 10, 12]]
 class CutterFile : public ::testing::Test {
  protected:
   std::filesystem::path write(const std::string& text) {
-    const auto path = std::filesystem::path(::testing::TempDir()) /
-                      (std::string("cutter_") + ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".toml");
+    const auto path =
+        std::filesystem::path(::testing::TempDir()) /
+        (std::string("cutter_") + ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".toml");
     std::ofstream(path) << text;
     return path;
   }

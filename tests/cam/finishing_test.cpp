@@ -15,15 +15,19 @@
 namespace lightmill {
 namespace {
 
-using ::testing::HasSubstr;
 using test::spline_of;
 using test::SweptBall;
+using ::testing::HasSubstr;
 
-constexpr double kCentreToleranceMm = 5e-5;   // 0.05 um
-constexpr double kGougeToleranceMm = 6e-5;    // the chord tolerance and a little
+constexpr double kCentreToleranceMm = 5e-5;  // 0.05 um
+constexpr double kGougeToleranceMm = 6e-5;   // the chord tolerance and a little
 
-Cutter cutter(const std::string& name) { return read_cutter(std::filesystem::path(LIGHTMILL_FIXTURES) / "cutters" / (name + ".toml")); }
-Cutter finishing_ball() { return cutter("finish_4mm_ball"); }
+Cutter cutter(const std::string& name) {
+  return read_cutter(std::filesystem::path(LIGHTMILL_FIXTURES) / "cutters" / (name + ".toml"));
+}
+Cutter finishing_ball() {
+  return cutter("finish_4mm_ball");
+}
 
 Box2 box(double x0, double y0, double x1, double y1) {
   Box2 b;
@@ -33,7 +37,9 @@ Box2 box(double x0, double y0, double x1, double y1) {
 }
 
 /// A blank round a surface centred on the origin.
-Blank blank_for(const SplineSurface& s) { return {s.extent().size(), s.highest() + 0.4}; }
+Blank blank_for(const SplineSurface& s) {
+  return {s.extent().size(), s.highest() + 0.4};
+}
 
 /// Smooth, hilly, off-centre, slopes up to about 0.3, concave radii above 5 mm.
 SplineSurface hilly(std::uint32_t seed, const Vec2& size) {
@@ -49,11 +55,12 @@ SplineSurface hilly(std::uint32_t seed, const Vec2& size) {
     const double wave = 2 * kPi / length;
     waves.push_back({wave * std::cos(angle), wave * std::sin(angle), 6 * u(random), 0.033 / wave / wave});
   }
-  return spline_of(Box2::centred(size), static_cast<int>(size.x() / 0.31), static_cast<int>(size.y() / 0.31), [&](double x, double y) {
-    double h = 12 + 0.05 * x - 0.03 * y;
-    for (const Wave& w : waves) h += w.height * std::sin(w.kx * x + w.ky * y + w.phase);
-    return h;
-  });
+  return spline_of(Box2::centred(size), static_cast<int>(size.x() / 0.31), static_cast<int>(size.y() / 0.31),
+                   [&](double x, double y) {
+                     double h = 12 + 0.05 * x - 0.03 * y;
+                     for (const Wave& w : waves) h += w.height * std::sin(w.kx * x + w.ky * y + w.phase);
+                     return h;
+                   });
 }
 
 // ---- where a ball rests -------------------------------------------------------------------------------------------
@@ -62,22 +69,26 @@ TEST(BallCentreHeight, OnAPlaneIsTheOffsetPlane) {
   const double a = 0.4, b = -0.25, radius = 2;
   const auto s = spline_of(box(-10, -8, 12, 9), 70, 50, [&](double x, double y) { return 12 + a * x + b * y; });
   for (const Vec2& c : {Vec2(0, 0), Vec2(-9.9, 8.8), Vec2(3.3, -7.7), Vec2(13.5, 10)}) {  // also beyond the border
-    EXPECT_NEAR(ball_centre_height(s, radius, c.x(), c.y()), 12 + a * c.x() + b * c.y() + radius * std::sqrt(1 + a * a + b * b), 1e-9);
+    EXPECT_NEAR(ball_centre_height(s, radius, c.x(), c.y()),
+                12 + a * c.x() + b * c.y() + radius * std::sqrt(1 + a * a + b * b), 1e-9);
   }
 }
 
 TEST(BallCentreHeight, OnASphericalCapIsAConcentricSphere) {
   const double rho = 147, radius = 2;
   const auto cap = [&](double r, double x, double y) { return std::sqrt(r * r - x * x - y * y); };
-  const auto hill = spline_of(box(-40, -30, 42, 33), 264, 200, [&](double x, double y) { return cap(rho, x, y) - 120; });
+  const auto hill =
+      spline_of(box(-40, -30, 42, 33), 264, 200, [&](double x, double y) { return cap(rho, x, y) - 120; });
   const double hollow_rho = 30;
-  const auto hollow = spline_of(box(-12, -9, 12, 10), 80, 60, [&](double x, double y) { return 50 - cap(hollow_rho, x, y); });
+  const auto hollow =
+      spline_of(box(-12, -9, 12, 10), 80, 60, [&](double x, double y) { return 50 - cap(hollow_rho, x, y); });
   std::mt19937 random(3);
   std::uniform_real_distribution<double> u(-1, 1);
   for (int k = 0; k < 50; ++k) {
     const double x = 36 * u(random), y = 27 * u(random);
     EXPECT_NEAR(ball_centre_height(hill, radius, x, y), cap(rho + radius, x, y) - 120, kCentreToleranceMm);
-    EXPECT_NEAR(ball_centre_height(hollow, radius, x / 4, y / 4), 50 - cap(hollow_rho - radius, x / 4, y / 4), kCentreToleranceMm);
+    EXPECT_NEAR(ball_centre_height(hollow, radius, x / 4, y / 4), 50 - cap(hollow_rho - radius, x / 4, y / 4),
+                kCentreToleranceMm);
   }
 }
 
@@ -101,10 +112,12 @@ TEST(BallCentreHeight, OnASaddleAndACylinderIsTheNormalOffset) {
 TEST(BallCentreHeight, InAValleyTheBallRestsOnBothFlanksAndOnARidgeRollsOver) {
   const double m = 0.3, radius = 2;
   const double flank = radius * std::sqrt(1 + m * m);
-  const auto valley = spline_of(box(-6, -5, 6, 5), 240, 200, [&](double x, double y) { return 10 + m * std::abs(y - 0.2 * x); });
+  const auto valley =
+      spline_of(box(-6, -5, 6, 5), 240, 200, [&](double x, double y) { return 10 + m * std::abs(y - 0.2 * x); });
   const double across = std::sqrt(1 + 0.04);  // the slope across the crease is m * across
   for (const double x : {-2.0, 0.0, 1.7}) {
-    EXPECT_NEAR(ball_centre_height(valley, radius, x, 0.2 * x), 10 + radius * std::sqrt(1 + m * m * across * across), kCentreToleranceMm);
+    EXPECT_NEAR(ball_centre_height(valley, radius, x, 0.2 * x), 10 + radius * std::sqrt(1 + m * m * across * across),
+                kCentreToleranceMm);
   }
   const auto ridge = spline_of(box(-6, -5, 6, 5), 240, 200, [&](double, double y) { return 10 - m * std::abs(y); });
   EXPECT_NEAR(ball_centre_height(ridge, radius, 0.4, 2), 10 - m * 2 + flank, kCentreToleranceMm);
@@ -138,7 +151,8 @@ TEST(BallContact, IsTheHighestOfADenseSearchOnRoughSurfaces) {
       EXPECT_LE(contact.z, dense + 4 * kStep * kStep);
       EXPECT_NEAR(contact.z, ball_centre_height(s, radius, x, y), 1e-8);
       const Vec2 d = contact.point - Vec2(x, y);
-      EXPECT_NEAR(s.height(contact.point.x(), contact.point.y()) + std::sqrt(radius * radius - d.squaredNorm()), contact.z, 1e-8);
+      EXPECT_NEAR(s.height(contact.point.x(), contact.point.y()) + std::sqrt(radius * radius - d.squaredNorm()),
+                  contact.z, 1e-8);
     }
   }
 }
@@ -207,9 +221,9 @@ TEST_P(FinishingEverywhere, NoGougeAndNoCuspAboveTheLimit) {
   EXPECT_NEAR(path.predicted_cusp_um * 1e-3, most, 4e-5);
   EXPECT_EQ(path.above_limit_mm2, 0);
   // No waste: no more path than the flat formula at the steepest place and the tightest curvature asks for.
-  const double passes = static_cast<double>(std::count_if(path.moves.begin(), path.moves.end(), [](const Move& m) {
-    return m.kind == MoveKind::kLink;
-  })) / 3;
+  const double passes = static_cast<double>(std::count_if(path.moves.begin(), path.moves.end(),
+                                                          [](const Move& m) { return m.kind == MoveKind::kLink; })) /
+                        3;
   EXPECT_LT(passes, 1.5 * size.y() / 0.144);
 }
 
@@ -221,7 +235,8 @@ TEST(Finishing, InACreaseTheReachableFlanksAreWithinTheLimitToTheirBorder) {
   const double c = std::cos(turn), sn = std::sin(turn);
   const Vec2 size(9, 7);
   const auto from_crease = [&](double x, double y) { return c * y - sn * x - off; };
-  const auto s = spline_of(Box2::centred(size), 90, 70, [&](double x, double y) { return 12 + m * std::abs(from_crease(x, y)); });
+  const auto s =
+      spline_of(Box2::centred(size), 90, 70, [&](double x, double y) { return 12 + m * std::abs(from_crease(x, y)); });
   const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), {});
   const SweptBall swept(path);
   const double border = 2 * std::sin(std::atan(m));
@@ -233,9 +248,12 @@ TEST(Finishing, InACreaseTheReachableFlanksAreWithinTheLimitToTheirBorder) {
     const double left = swept.left_mm({p.x(), p.y(), s.height(p.x(), p.y())});
     least = std::min(least, left);
     const double d = std::abs(from_crease(p.x(), p.y()));
-    if (d > border) flank_most = std::max(flank_most, left);
-    else if (d > border - 0.02) border_most = std::max(border_most, left);  // closing within 0.1 um of the surface
-    else fillet_most = std::max(fillet_most, left);
+    if (d > border)
+      flank_most = std::max(flank_most, left);
+    else if (d > border - 0.02)
+      border_most = std::max(border_most, left);  // closing within 0.1 um of the surface
+    else
+      fillet_most = std::max(fillet_most, left);
   }
   EXPECT_GE(least, -kGougeToleranceMm);
   EXPECT_LE(flank_most, 1.4e-3);
@@ -345,7 +363,8 @@ double contact_angle(const SplineSurface& s, const Vec3& axis, double x, double 
 }
 
 TEST(FixedTilt, KeepsTheContactWindowAndGivesWayToSlopes) {
-  // A plane that leans 25 degrees: tilted by 30 towards -Y as asked for, the ball would touch with its centre (5 degrees).
+  // A plane that leans 25 degrees: tilted by 30 towards -Y as asked for, the ball would touch with its centre (5
+  // degrees).
   const double slope = std::tan(25 * kPi / 180);
   const auto s = spline_of(Box2::centred({8, 7}), 24, 22, [&](double, double y) { return 14 + slope * y; });
   const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), {});
@@ -386,7 +405,8 @@ TEST(FixedTilt, AFocusingLensPasses) {
 }
 
 TEST(FixedTilt, TooSteepASurfaceIsAnErrorThatNamesTheSlopes) {
-  const auto s = spline_of(Box2::centred({8, 8}), 26, 26, [&](double x, double y) { return 20 + 0.05 * (x * x + y * y) * 2.5; });
+  const auto s =
+      spline_of(Box2::centred({8, 8}), 26, 26, [&](double x, double y) { return 20 + 0.05 * (x * x + y * y) * 2.5; });
   try {
     plan_finishing(s, blank_for(s), finishing_ball(), {});
     FAIL() << "no error";
@@ -446,7 +466,8 @@ TEST(LeadTilt, TheAxisIsSmoothKeepsTheWindowAndNeverStandsUpright) {
       EXPECT_LE(contact_angle(s, m.pose.axis, x, y), 57);
     } else if (turn > 1e-4) {
       EXPECT_EQ(m.kind, MoveKind::kLink);
-      EXPECT_GE(std::min(m.pose.tip_mm.z(), from.pose.tip_mm.z()), path.clearance_z_mm - 1e-9) << "turns at clearance only";
+      EXPECT_GE(std::min(m.pose.tip_mm.z(), from.pose.tip_mm.z()), path.clearance_z_mm - 1e-9)
+          << "turns at clearance only";
     }
   }
   EXPECT_GT(turned, 0.01) << "five axes for real";

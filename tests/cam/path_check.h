@@ -12,7 +12,8 @@
 namespace lightmill::test {
 
 /// A spline through f to fourth order: coefficients f - (1/6) of the second differences, exact for bicubic polynomials.
-inline SplineSurface spline_of(const Box2& extent, int spans_x, int spans_y, const std::function<double(double, double)>& f) {
+inline SplineSurface spline_of(const Box2& extent, int spans_x, int spans_y,
+                               const std::function<double(double, double)>& f) {
   const double px = extent.size().x() / spans_x;
   const double py = extent.size().y() / spans_y;
   Grid<double> c(spans_x + 3, spans_y + 3);

@@ -14,7 +14,9 @@ namespace {
 
 using test::spline_of;
 
-Cutter mill() { return read_cutter(std::filesystem::path(LIGHTMILL_FIXTURES) / "cutters" / "rough_10mm.toml"); }
+Cutter mill() {
+  return read_cutter(std::filesystem::path(LIGHTMILL_FIXTURES) / "cutters" / "rough_10mm.toml");
+}
 
 /// Height of the bull-nose's surface above its tip.
 double above_tip(const Cutter& c, double r) {
@@ -65,13 +67,21 @@ struct OwnStock {
 struct Case {
   const char* name;
   double (*height)(double, double);
-  double over;   ///< blank above the surface
+  double over;  ///< blank above the surface
 };
 
-double hills(double x, double y) { return 12 + 0.6 * std::sin(x / 5) * std::cos(y / 6 + 0.4) + 0.02 * x; }
-double bowl(double x, double y) { return 14 - 1.2 * std::exp(-((x - 2) * (x - 2) + (y + 3) * (y + 3)) / 60); }
-double dome(double x, double y) { return 16 - 0.008 * (x * x + y * y); }
-double slope(double x, double y) { return 13 + 0.2 * x + 0.1 * y; }
+double hills(double x, double y) {
+  return 12 + 0.6 * std::sin(x / 5) * std::cos(y / 6 + 0.4) + 0.02 * x;
+}
+double bowl(double x, double y) {
+  return 14 - 1.2 * std::exp(-((x - 2) * (x - 2) + (y + 3) * (y + 3)) / 60);
+}
+double dome(double x, double y) {
+  return 16 - 0.008 * (x * x + y * y);
+}
+double slope(double x, double y) {
+  return 13 + 0.2 * x + 0.1 * y;
+}
 
 class Roughing : public ::testing::TestWithParam<Case> {};
 
@@ -120,8 +130,10 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
       EXPECT_GT(m.feed_mm_per_s, 0);
     }
     const double depth = stock.sweep(a, b, cut);
-    if (!cut) in_air = std::max(in_air, depth);
-    else deepest = std::max(deepest, depth);
+    if (!cut)
+      in_air = std::max(in_air, depth);
+    else
+      deepest = std::max(deepest, depth);
     // Straight down only through air.
     const double level = (b - a).head<2>().norm();
     if (cut && level < 1e-9) steepest = std::max(steepest, depth);
@@ -152,7 +164,8 @@ TEST(RoughingEntry, TheFirstCutOfALevelTakesNoMoreThanTheStepover) {
   const auto s = spline_of(Box2::centred({40, 30}), 20, 20, [](double, double) { return 10; });
   const Blank blank{{40, 30}, 12.3};
   const ToolPath path = plan_roughing(s, blank, mill(), {});
-  // A flat lens: two levels; each starts outside at +y with the axis 1 mm outside the block (radius 5, stepover 4) and off -x.
+  // A flat lens: two levels; each starts outside at +y with the axis 1 mm outside the block (radius 5, stepover 4) and
+  // off -x.
   double first_y = 0, first_x = 0;
   for (const Move& m : path.moves) {
     if (m.kind != MoveKind::kCut) continue;

@@ -12,7 +12,9 @@
 namespace lightmill {
 namespace {
 
-std::filesystem::path file(const std::string& name) { return std::filesystem::path(::testing::TempDir()) / name; }
+std::filesystem::path file(const std::string& name) {
+  return std::filesystem::path(::testing::TempDir()) / name;
+}
 
 std::vector<ToolPath> some_passes() {
   std::mt19937 random(5);
