@@ -34,10 +34,13 @@ constexpr double kArmijo = 1e-4;
 constexpr int kMemory = 12;           // pairs that L-BFGS remembers
 constexpr double kNewtonFrom = 0.03;  // l1 error below which Newton takes over, once no cell is empty
 constexpr double kJoin = 1e-10;
-constexpr double kNarrowing = 0.3;         // factor on the radius of strips and disks from stage to stage
-constexpr double kNarrowingError = 0.15;   // l1 error after the prediction that the descent repairs quickly
-constexpr double kLeastNarrowing = 0.95;   // smaller steps than this are left to the descent
-constexpr double kStartRadius = 0.3;       // of strips and disks on every level, in distances between sites
+constexpr double kNarrowing = 0.3;        // factor on the radius of strips and disks from stage to stage
+constexpr double kNarrowingError = 0.15;  // l1 error after the prediction that the descent repairs quickly
+constexpr double kLeastNarrowing = 0.95;  // smaller steps than this are left to the descent
+// Half width of strips and disks at the start of every level, in distances between sites: beside area light they shall
+// not blur it, alone they may be as wide as eases the start.
+constexpr double kStartRadius = 0.3;
+constexpr double kStartRadiusAlone = 3;
 constexpr double kCoarseTolerance = 3e-2;  // of the worst cell on all levels but the finest
 
 double dot(const Potential& a, const Potential& b) {
@@ -358,13 +361,15 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
   const Box2 extent{target.extent.min - spread.mean, target.extent.max - spread.mean};
   const double reach = std::max({extent.min.norm(), extent.max.norm(), Vec2(extent.min.x(), extent.max.y()).norm(),
                                  Vec2(extent.max.x(), extent.min.y()).norm()}) +
-                       options.point_radius_mm + kStartRadius * source.size_mm.norm();
+                       options.point_radius_mm + source.size_mm.norm();
 
   const bool singular = !(target.curves.empty() && target.points.empty());
   const auto start_radius = [&](const Sampling& sampling) {
     const double spacing =
         std::sqrt(12 * sampling.spread.x() * sampling.spread.y() / static_cast<double>(sampling.sites.size()));
-    return std::max(options.point_radius_mm, kStartRadius * spacing);
+    // Alone, but never so wide that they merge.
+    const double alone = std::min(kStartRadiusAlone * spacing, 0.1 * sampling.spread.minCoeff());
+    return std::max(options.point_radius_mm, target.area_total() > 0 ? kStartRadius * spacing : alone);
   };
 
   TransportMap map;
