@@ -63,7 +63,8 @@ int main(int argc, char** argv) {
     std::printf("  ball centres %.0f per CPU second (mean %.6f mm)\n", count / (cpu_seconds() - start), sum / count);
 
     start = cpu_seconds();
-    report("rough", plan_roughing(surface, blank, read_cutter(cutters / "rough_10mm.toml"), {}), cpu_seconds() - start);
+    const ToolPath rough_path = plan_roughing(surface, blank, read_cutter(cutters / "rough_10mm.toml"), {});
+    report("rough", rough_path, cpu_seconds() - start);
     FinishOptions semi;
     semi.pass = "semi_finish";
     semi.allowance_mm = 0.05;
@@ -72,8 +73,8 @@ int main(int argc, char** argv) {
     const ToolPath semi_path = plan_finishing(surface, blank, read_cutter(cutters / "semi_finish_4mm_ball.toml"), semi);
     report("semi_finish", semi_path, cpu_seconds() - start);
     start = cpu_seconds();
-    report("finish", plan_finishing(surface, blank, read_cutter(cutters / "finish_4mm_ball.toml"), {}),
-           cpu_seconds() - start);
+    const ToolPath path = plan_finishing(surface, blank, read_cutter(cutters / "finish_4mm_ball.toml"), {});
+    report("finish", path, cpu_seconds() - start);
   }
   return 0;
 }
