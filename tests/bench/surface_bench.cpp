@@ -175,6 +175,7 @@ void heights(const Setting&) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  std::setvbuf(stdout, nullptr, _IOLBF, 0);  // a run that is cut short has still said something
   Setting setting;
   std::vector<std::string> cases;
   for (int a = 1; a < argc; ++a) {
