@@ -161,12 +161,25 @@ std::vector<double> gaussian(double sigma_nodes) {
   return weights;
 }
 
-/// Index mirrored about the first and last node (which are not repeated), whatever far out.
-int mirrored(int index, int count) {
-  if (count == 1) return 0;
-  const int period = 2 * (count - 1);
-  index = std::abs(index) % period;
-  return index < count ? index : period - index;
+/// A node beyond a line's ends, by point reflection about the end nodes (heights and slopes go on, so that the rim is not
+/// flattened): sign * f[index] + first * f[0] + last * f[count - 1], whatever far out.
+struct Continued {
+  int index = 0;
+  double sign = 1;
+  double first = 0;
+  double last = 0;
+};
+
+Continued continued(int index, int count) {
+  Continued result;
+  while (count > 1 && (index < 0 || index >= count)) {
+    const bool below = index < 0;
+    (below ? result.first : result.last) += 2 * result.sign;
+    result.sign = -result.sign;
+    index = (below ? 0 : 2 * (count - 1)) - index;
+  }
+  result.index = count > 1 ? index : 0;
+  return result;
 }
 
 }  // namespace
@@ -189,15 +202,25 @@ Grid<float> polish(const Grid<float>& heights_mm, double pitch_mm, double sigma_
       double* const column = padded.data() + reach;
       const float* const centre = &heights_mm.values[static_cast<std::size_t>(j) * width];
       for (int i = 0; i < width; ++i) column[i] = weights[0] * centre[i];
+      const auto add_row = [&](int row_index, double weight) {
+        const float* const row = &heights_mm.values[static_cast<std::size_t>(row_index) * width];
+        for (int i = 0; i < width; ++i) column[i] += weight * row[i];
+      };
       for (int k = 1; k <= reach; ++k) {
-        const float* const above = &heights_mm.values[static_cast<std::size_t>(mirrored(j - k, height)) * width];
-        const float* const below = &heights_mm.values[static_cast<std::size_t>(mirrored(j + k, height)) * width];
-        const double weight = weights[k];
-        for (int i = 0; i < width; ++i) column[i] += weight * (static_cast<double>(above[i]) + below[i]);
+        for (const int beside : {j - k, j + k}) {
+          const Continued at = continued(beside, height);
+          add_row(at.index, weights[k] * at.sign);
+          if (at.first != 0) add_row(0, weights[k] * at.first);
+          if (at.last != 0) add_row(height - 1, weights[k] * at.last);
+        }
       }
+      const auto beyond = [&](int i) {
+        const Continued at = continued(i, width);
+        return at.sign * column[at.index] + at.first * column[0] + at.last * column[width - 1];
+      };
       for (int k = 1; k <= reach; ++k) {
-        column[-k] = column[mirrored(-k, width)];
-        column[width - 1 + k] = column[mirrored(width - 1 + k, width)];
+        column[-k] = beyond(-k);
+        column[width - 1 + k] = beyond(width - 1 + k);
       }
       for (int i = 0; i < width; ++i) sums[i] = weights[0] * column[i];
       constexpr int kSpan = 512;  // stays in the first cache for all weights

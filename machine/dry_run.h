@@ -39,7 +39,8 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
 Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface& design, const ReachableSurface& reachable,
                             const DeviationOptions& options, const Monitor& monitor = {});
 
-/// Hand polish as a model: a Gaussian low-pass of the heights, mirrored at the border. sigma 0: as milled.
+/// Hand polish as a model: a Gaussian low-pass of the heights, which go on beyond the border by point
+/// reflection (planes stay planes up to the rim). sigma 0: as milled.
 Grid<float> polish(const Grid<float>& heights_mm, double pitch_mm, double sigma_um);
 
 /// Heights for a drawing: means of square blocks so that the longer side has at most `most_nodes`.

@@ -60,7 +60,7 @@ void WorkpieceView::sweep(const Motion& motion, double length_mm, const SweepTol
   const double turn = std::abs(b.outer_rad - a.outer_rad) + std::abs(b.inner_rad - a.inner_rad);
   int count = 1;
   if (turn > 0) {
-    // Chunks of at most 5 degrees, on which the middle's distance from the chord is the greatest (controllers.md 5.3)
+    // Chunks of at most 5 degrees, on which the middle's distance from the chord is the greatest
     // and falls with the square of the count of pieces.
     const int chunks = std::max(1, static_cast<int>(std::ceil(turn / (5 * kPi / 180))));
     double pieces_per_chunk = 1;

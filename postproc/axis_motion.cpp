@@ -573,7 +573,7 @@ class Subdivision {
         length_mm_(course.length_mm()) {}
 
   void run(double s0, const JointPosition& j0, double s1, const JointPosition& j1, int depth = 0) {
-    // The error is a parabola in s for short moves, with its top at mid-chord [controllers.md 5.3]; the quarters see
+    // The error is a parabola in s for short moves, with its top at mid-chord; the quarters see
     // moves that turn so far that it is not.
     double tip_error = 0;
     double error = 0;

@@ -41,7 +41,7 @@ Placement place_work(const MachineModel& machine, const WorkSetup& setup, const 
       Eigen::AngleAxisd(physical(machine.outer, tilt.outer_rad), machine.outer.axis).toRotationMatrix();
   const Eigen::Matrix3d inner =
       Eigen::AngleAxisd(physical(machine.inner, tilt.inner_rad), machine.inner.axis).toRotationMatrix();
-  // p_M = P + R_o (Q + R_i (o + p_W - Q) - P)   [controllers.md 5.2]
+  // p_M = P + R_o (Q + R_i (o + p_W - Q) - P)
   const Vec3& p = machine.outer.point_mm;
   const Vec3& q = machine.inner.point_mm;
   return {outer * inner, p + outer * (q + inner * (setup.origin_mm - q) - p)};

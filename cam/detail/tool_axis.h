@@ -8,7 +8,7 @@
 namespace lightmill::detail {
 
 /// The angle between axis and surface normal stays within this window: below, the ball's dead centre rubs; above, the
-/// contact nears the shank [reference: cutting data, tool axis].
+/// contact nears the shank.
 inline constexpr double kLeastContactAngle = 10 * kPi / 180;
 inline constexpr double kMostContactAngle = 55 * kPi / 180;
 

@@ -157,7 +157,7 @@ struct Refused {
   int error;
 };
 
-// Codes of grblHAL: [controllers.md 2.2] where it was measured, its list of codes for the rest.
+// Codes of grblHAL: as the firmware answered where it was tried, its list of codes for the rest.
 TEST_F(InterpreterTest, RefusesWhatItCannotObey) {
   const Refused cases[] = {
       {"G1 X1", kNoFeed},      // no feed yet [measured]

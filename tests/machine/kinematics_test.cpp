@@ -13,7 +13,7 @@ namespace {
 constexpr double kRad = kPi / 180;
 
 // LinuxCNC 2.9 (xyzbc-trt-kins), measured: the joints for tip (20, 0, 5), B 20, C 60, x-offset -20, z-offset -15. Its
-// rotary signs are the table's. [controllers.md 1.3]
+// rotary signs are the table's.
 TEST(Kinematics, AgreesWithLinuxCnc) {
   MachineModel machine;
   machine.outer.axis = Vec3::UnitY();
@@ -29,7 +29,7 @@ TEST(Kinematics, AgreesWithLinuxCnc) {
   EXPECT_NEAR(pose.tip_mm.z(), 5, 2e-9);
 }
 
-// Programmed ISO angles name the tool's direction in the work: (sin B cos C, sin B sin C, cos B). [controllers.md 5.1]
+// Programmed ISO angles name the tool's direction in the work: (sin B cos C, sin B sin C, cos B).
 RC_GTEST_PROP(Kinematics, IsoAnglesAreTheToolsDirection, ()) {
   const double b = *rc::gen::inRange(-110, 110) * kRad, c = *rc::gen::inRange(-720, 720) * kRad;
   WorkpieceView view(test::skew_machine(), {10, -5, -400});

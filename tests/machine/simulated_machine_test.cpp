@@ -42,7 +42,7 @@ class Talk {
   SimulatedMachine machine;
 };
 
-// --- Conversations recorded from grblHAL [controllers.md 2.2] ---
+// --- Conversations recorded from grblHAL ---
 
 TEST(Conversation, BannerAndIdentity) {
   SimulatedMachine machine(test::skew_machine(), test::skew_setup(), test::no_stock());

@@ -17,7 +17,7 @@ Vec3 vector(double size) {
   return {real(-size, size), real(-size, size), real(-size, size)};
 }
 
-// LinuxCNC's xyzbc-trt with B20 C60, x-offset -20, z-offset -15 [controllers.md 1.3].
+// LinuxCNC's xyzbc-trt with B20 C60, x-offset -20, z-offset -15.
 TEST(Kinematics, AgreesWithLinuxCnc) {
   MachineModel machine = test::fixture_machine();
   machine.outer.direction = machine.inner.direction = 1;

@@ -30,7 +30,7 @@ inline MachineModel hostile_machine() {
   return machine;
 }
 
-/// [controllers.md 5.2] written out with rotation matrices for a B/C trunnion: where the tip of a tool at these joints
+/// The chain of turns written out with rotation matrices for a B/C trunnion: where the tip of a tool at these joints
 /// is in the workpiece frame, and the tool's axis there. Shares nothing with the code under test.
 inline ToolPose pose_by_matrices(const MachineModel& m, const Vec3& origin, double length, const JointPosition& j) {
   const double b = m.outer.direction * j.outer_rad, c = m.inner.direction * j.inner_rad;
