@@ -14,8 +14,14 @@ constexpr double kReachableMm = 1.1e-4;  ///< closing above the surface by less 
 constexpr double kJumpMm = 2e-4;         ///< of the centre in y, while the contact still moves far: it jumps
 constexpr double kIntoJumpMm = 0.01;     ///< steps into the unreachable from its border
 constexpr double kStationMm = 0.015;     ///< stations nearer than this are one
-constexpr double kLeastOfFlat = 0.25;    ///< a march never takes smaller steps than this share of the flat stepover
+constexpr double kLeastOfFlat = 0.25;    ///< full passes are never nearer than this share of the flat stepover
 constexpr double kMostOfFlat = 2.0;
+constexpr double kSurveyOfFlat = 0.9;
+constexpr double kAim = 0.995;         ///< of the cusp, for passes not yet placed
+constexpr double kSmoothMm = 3;        ///< spacing changes over at least twice this
+constexpr double kSmoothLoss = 0.003;  ///< share of the spacing that smoothness may cost everywhere
+constexpr int kMostRounds = 4;
+constexpr double kInfillSaves = 0.3;  ///< share of the path that infill must save, for its borders show in the light
 constexpr double kInfillLeastOfFlat = 1.0 / 16;
 constexpr double kInfillGrowMm = 0.6;  ///< an infill piece starts before and ends after the stretch that asks for it
 constexpr double kInfillMergeMm = 4;   ///< pieces nearer than this become one
@@ -71,6 +77,85 @@ struct Station {
   bool jump = false;  ///< the contacts are far apart: cusp grows with the spacing, not with its square
 };
 
+/// Distance between neighbouring passes as a function of y: limits are gathered, and what is taken stays below them and
+/// changes slowly. (Light through the polished surface sees the mean height of the cusps, a third of the highest: where
+/// it changes within a millimetre by some nanometres, there is a line in the picture.)
+class SpacingField {
+ public:
+  SpacingField(double from_y, double to_y, double pitch_mm, double most_mm)
+      : from_(from_y), to_(to_y), pitch_(pitch_mm) {
+    limits_.assign(static_cast<std::size_t>(std::ceil((to_y - from_y) / pitch_mm - 1e-9)), most_mm);
+  }
+
+  /// Of the cells: passes for a survey.
+  [[nodiscard]] std::vector<double> nodes() const {
+    std::vector<double> ys;
+    for (std::size_t k = 0; k <= limits_.size(); ++k) ys.push_back(from_ + pitch_ * static_cast<double>(k));
+    return ys;
+  }
+
+  /// Between these two places passes must not be farther from each other than this.
+  void limit(double from_y, double to_y, double spacing_mm) {
+    const auto cell = [&](double y) {
+      return std::clamp(static_cast<int>(std::floor((y - from_) / pitch_)), 0, static_cast<int>(limits_.size()) - 1);
+    };
+    // A cell that is only just touched is the neighbour's.
+    for (int k = cell(from_y + 1e-3 * pitch_); k <= cell(to_y - 1e-3 * pitch_); ++k)
+      limits_[k] = std::min(limits_[k], spacing_mm);
+  }
+
+  /// Passes from the first place to the last or just beyond.
+  [[nodiscard]] std::vector<double> places() const {
+    const std::vector<double> smooth = smooth_envelope();
+    const auto at = [&](double y) {
+      const double u = std::clamp((y - from_) / pitch_ - 0.5, 0.0, static_cast<double>(smooth.size() - 1));
+      const std::size_t k = std::min(static_cast<std::size_t>(u), smooth.size() - 1);
+      const std::size_t next = std::min(k + 1, smooth.size() - 1);
+      return smooth[k] + (smooth[next] - smooth[k]) * (u - static_cast<double>(k));
+    };
+    std::vector<double> ys = {from_};
+    while (ys.back() < to_ - 1e-9) {
+      const double y = ys.back();
+      double spacing = at(y);
+      for (int k = 0; k < 4; ++k) spacing = at(y + spacing / 2);
+      ys.push_back(y + spacing);
+    }
+    return ys;
+  }
+
+ private:
+  /// The lowest of the limits near, those farther away counting as q d^2 higher, averaged three times over a third of
+  /// the reach. Averaging with variance v adds at most q v to any limit, which is taken off: none is exceeded.
+  [[nodiscard]] std::vector<double> smooth_envelope() const {
+    const int count = static_cast<int>(limits_.size());
+    const int third = std::max(1, static_cast<int>(std::ceil(kSmoothMm / 3 / pitch_)));
+    const int reach = 3 * third + 1;
+    const double variance = third * (third + 1.0);  // of three means over 2 third + 1 cells, in cells^2
+    const double lowest = *std::min_element(limits_.begin(), limits_.end());
+    const double rise = kSmoothLoss * lowest / variance;
+    std::vector<double> values(count);
+    for (int k = 0; k < count; ++k) {
+      values[k] = limits_[k];
+      for (int d = -reach; d <= reach; ++d)
+        values[k] = std::min(values[k], limits_[std::clamp(k + d, 0, count - 1)] + rise * d * d);
+    }
+    for (int pass = 0; pass < 3; ++pass) {
+      std::vector<double> mean(count);
+      for (int k = 0; k < count; ++k) {
+        double sum = 0;
+        for (int d = -third; d <= third; ++d) sum += values[std::clamp(k + d, 0, count - 1)];
+        mean[k] = sum / (2 * third + 1);
+      }
+      values = std::move(mean);
+    }
+    for (double& value : values) value -= kSmoothLoss * lowest;
+    return values;
+  }
+
+  double from_, to_, pitch_;
+  std::vector<double> limits_;  // of the cells between the nodes
+};
+
 class Spacer {
  public:
   Spacer(const BallContact& ball, const SpacingOptions& options)
@@ -80,58 +165,92 @@ class Spacer {
     wanted_.max += Vec2::Constant(2 * flat_);
   }
 
-  [[nodiscard]] double flat() const { return flat_; }
-
-  [[nodiscard]] CentrePath path(double y) const {
-    return centre_path(ball_, y, options_.from_x, options_.to_x, options_.tolerance);
-  }
-
-  /// All passes from path `first` up to and without one at `end_y`.
-  void march(double start_y, double end_y, SpacedPasses& result) const {
-    CentrePath here = path(start_y);
-    double spacing = 0.95 * flat_;
-    const double least = kLeastOfFlat * flat_;
-    const double most = kMostOfFlat * flat_;
-    while (here.y < end_y) {
-      CentrePath next;
-      std::vector<Station> stations;
-      spacing = std::clamp(spacing, least, most);
-      for (int trial = 0; trial < 4; ++trial) {
-        double next_y = here.y + spacing;
-        // No sliver before the end: the last two steps share what is left.
-        if (next_y > end_y - 1e-9)
-          next_y = end_y;
-        else if (next_y > end_y - least)
-          next_y = (here.y + end_y) / 2;
-        next = path(next_y);
-        stations = leftover(here, next, -kInfinity, kInfinity);
-        const double taken = next_y - here.y;
-        const double wish = std::clamp(cheapest(stations, taken), least, most);
-        const bool at_end = next_y < here.y + spacing;
-        if (wish < 0.995 * taken) {
-          spacing = wish * 0.997;
-        } else if (wish > 1.015 * taken && !at_end && trial < 2 && taken < 0.999 * most) {
-          spacing = wish;
-        } else {
-          break;
-        }
-        if (taken <= least * 1.0001 && wish <= least) break;
+  /// Spacing as a smooth function of y below everywhere's wish, passes placed by it, and a look at what they leave.
+  [[nodiscard]] SpacedPasses plan(const Monitor& monitor) const {
+    SpacingField field(options_.from_y, options_.to_y, kSurveyOfFlat * flat_, kMostOfFlat * flat_);
+    std::vector<double> ys = field.nodes();
+    std::vector<CentrePath> paths = compute_paths(ys, monitor.part(0, 0.2));
+    std::vector<Between> between = look_between(paths, false, monitor.part(0.2, 0.4));
+    for (std::size_t k = 0; k + 1 < ys.size(); ++k) field.limit(ys[k], ys[k + 1], between[k].wish_mm);
+    // What the survey foretells for another spacing at another place is right to about a hundredth; where it is not,
+    // the field gives way.
+    for (int round = 0;; ++round) {
+      const Monitor part = monitor.part(0.4 + 0.15 * round, 0.4 + 0.15 * (round + 1));
+      ys = field.places();
+      paths = compute_paths(ys, part.part(0, 0.5));
+      between = look_between(paths, true, part.part(0.5, 1));
+      bool content = true;
+      for (std::size_t k = 0; k + 1 < ys.size(); ++k) {
+        if (between[k].content) continue;
+        content = false;
+        field.limit(ys[k], ys[k + 1], between[k].wish_mm);
       }
-      result.widest_mm = std::max(result.widest_mm, next.y - here.y);
-      spacing = next.y - here.y;
-      std::vector<CentrePath> pieces;
-      settle(here, next, stations, 0, pieces, result);
-      std::stable_sort(pieces.begin(), pieces.end(), [](const CentrePath& a, const CentrePath& b) {
-        return a.y != b.y ? a.y < b.y : a.points.front().x < b.points.front().x;
-      });
-      result.paths.push_back(std::move(here));
-      for (auto& piece : pieces) result.paths.push_back(std::move(piece));
-      here = std::move(next);
+      if (content || round + 1 == kMostRounds) break;
     }
+    SpacedPasses all;
+    for (std::size_t k = 0; k < paths.size(); ++k) {
+      all.paths.push_back(std::move(paths[k]));
+      if (k + 1 == paths.size()) break;
+      SpacedPasses& part = between[k].pieces;
+      for (CentrePath& piece : part.paths) all.paths.push_back(std::move(piece));
+      all.widest_mm = std::max(all.widest_mm, ys[k + 1] - ys[k]);
+      all.highest_cusp_mm = std::max(all.highest_cusp_mm, part.highest_cusp_mm);
+      all.above_limit_mm2 += part.above_limit_mm2;
+      all.infill_pieces += part.infill_pieces;
+    }
+    return all;
   }
 
  private:
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+  /// What there is between two neighbouring passes.
+  struct Between {
+    double wish_mm = 0;   ///< the spacing that would suit best here
+    bool content = true;  ///< the spacing taken does
+    SpacedPasses pieces;  ///< infill, and figures of what is left
+  };
+
+  [[nodiscard]] std::vector<CentrePath> compute_paths(const std::vector<double>& ys, const Monitor& monitor) const {
+    std::vector<CentrePath> paths(ys.size());
+    in_groups(paths.size(), monitor, [&](std::size_t k) {
+      paths[k] = centre_path(ball_, ys[k], options_.from_x, options_.to_x, options_.tolerance);
+    });
+    return paths;
+  }
+
+  [[nodiscard]] std::vector<Between> look_between(const std::vector<CentrePath>& paths, bool with_infill,
+                                                  const Monitor& monitor) const {
+    std::vector<Between> result(paths.size() - 1);
+    in_groups(result.size(), monitor, [&](std::size_t k) {
+      const CentrePath& a = paths[k];
+      const CentrePath& b = paths[k + 1];
+      const double taken = b.y - a.y;
+      const std::vector<Station> stations = leftover(a, b, -kInfinity, kInfinity);
+      Between& here = result[k];
+      here.wish_mm = std::max(cheapest(stations, taken, kAim * options_.cusp_mm), kLeastOfFlat * flat_);
+      if (!with_infill) return;
+      here.content = cheapest(stations, taken, options_.cusp_mm) >= taken || taken <= kLeastOfFlat * flat_ * 1.0001;
+      settle(a, b, stations, here.pieces.paths, here.pieces);
+      std::stable_sort(here.pieces.paths.begin(), here.pieces.paths.end(),
+                       [](const CentrePath& p, const CentrePath& q) {
+                         return p.y != q.y ? p.y < q.y : p.points.front().x < q.points.front().x;
+                       });
+    });
+    return result;
+  }
+
+  /// f(0..count), in parallel, telling of it now and then.
+  template <class F>
+  static void in_groups(std::size_t count, const Monitor& monitor, const F& f) {
+    constexpr std::size_t kGroup = 64;
+    for (std::size_t first = 0; first < count; first += kGroup) {
+      monitor.report("spacing passes", static_cast<double>(first) / static_cast<double>(count));
+      parallel_blocks(std::min(kGroup, count - first), 4, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t k = begin; k < end; ++k) f(first + k);
+      });
+    }
+  }
 
   /// The point of the (offset) surface over p, and its distance from being cut by either path: the cusp there.
   struct Left {
@@ -290,9 +409,9 @@ class Spacer {
     return stations;
   }
 
-  /// The spacing with the least path per area: every station is content, or the discontent get infill.
-  [[nodiscard]] double cheapest(const std::vector<Station>& stations, double spacing) const {
-    const double aim = 0.99 * options_.cusp_mm;
+  /// The spacing with which every station's cusp is `aim`; or a wider one, with infill for the discontent, where that
+  /// saves much of the path.
+  [[nodiscard]] double cheapest(const std::vector<Station>& stations, double spacing, double aim) const {
     struct Wish {
       double spacing, length;
     };
@@ -307,7 +426,7 @@ class Spacer {
     std::vector<Wish> sorted = wishes;
     std::stable_sort(sorted.begin(), sorted.end(), [](const Wish& a, const Wish& b) { return a.spacing < b.spacing; });
     double best_spacing = sorted.front().spacing;
-    double best_cost = 1 / std::max(best_spacing, kLeastOfFlat * flat_);
+    double best_cost = (1 - kInfillSaves) / std::max(best_spacing, kLeastOfFlat * flat_);
     double share = 0;
     std::size_t at = 0;
     for (const double part : {0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4}) {
@@ -327,7 +446,7 @@ class Spacer {
         extra += wishes[k].length * (std::exp2(std::ceil(std::log2(s / wishes[k].spacing))) - 1);
       }
       const double cost = (1 + extra / total) / std::min(s, kMostOfFlat * flat_);
-      if (cost < 0.98 * best_cost) {
+      if (cost < best_cost) {
         best_cost = cost;
         best_spacing = s;
       }
@@ -336,7 +455,7 @@ class Spacer {
   }
 
   /// Infill between two neighbours until every reachable place is within the limit or the pieces lie too close.
-  void settle(const CentrePath& a, const CentrePath& b, const std::vector<Station>& stations, int depth,
+  void settle(const CentrePath& a, const CentrePath& b, const std::vector<Station>& stations,
               std::vector<CentrePath>& pieces, SpacedPasses& result) const {
     const double spacing = b.y - a.y;
     const bool may_divide = spacing / 2 >= kInfillLeastOfFlat * flat_;
@@ -361,8 +480,8 @@ class Spacer {
       ++result.infill_pieces;
       const double inner_from = stations[k].x;
       const double inner_to = stations[last].x;
-      settle(a, piece, leftover(a, piece, inner_from, inner_to), depth + 1, pieces, result);
-      settle(piece, b, leftover(piece, b, inner_from, inner_to), depth + 1, pieces, result);
+      settle(a, piece, leftover(a, piece, inner_from, inner_to), pieces, result);
+      settle(piece, b, leftover(piece, b, inner_from, inner_to), pieces, result);
       pieces.push_back(std::move(piece));
       k = last + 1;
     }
@@ -414,32 +533,7 @@ CentrePath centre_path(const BallContact& ball, double y, double from_x, double 
 }
 
 SpacedPasses space_passes(const BallContact& ball, const SpacingOptions& options, const Monitor& monitor) {
-  const Spacer spacer(ball, options);
-  // Bands of y march on their own, in parallel; where they meet a pass is given. Their count depends on the part alone.
-  const double height = options.to_y - options.from_y;
-  const int bands = std::clamp(static_cast<int>(height / (40 * spacer.flat())), 1, 16);
-  constexpr int kGroup = 4;
-  std::vector<SpacedPasses> parts(bands);
-  for (int first = 0; first < bands; first += kGroup) {
-    monitor.report("spacing passes", static_cast<double>(first) / bands);
-    const int count = std::min(kGroup, bands - first);
-    parallel_blocks(count, 1, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t k = begin; k < end; ++k) {
-        const int band = first + static_cast<int>(k);
-        spacer.march(options.from_y + height * band / bands, options.from_y + height * (band + 1) / bands, parts[band]);
-      }
-    });
-  }
-  SpacedPasses all;
-  for (SpacedPasses& part : parts) {
-    for (CentrePath& path : part.paths) all.paths.push_back(std::move(path));
-    all.widest_mm = std::max(all.widest_mm, part.widest_mm);
-    all.highest_cusp_mm = std::max(all.highest_cusp_mm, part.highest_cusp_mm);
-    all.above_limit_mm2 += part.above_limit_mm2;
-    all.infill_pieces += part.infill_pieces;
-  }
-  all.paths.push_back(spacer.path(options.to_y));
-  return all;
+  return Spacer(ball, options).plan(monitor);
 }
 
 }  // namespace lightmill::detail
