@@ -3,9 +3,13 @@
 #include <OpenImageIO/imageio.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <fstream>
+#include <iterator>
 #include <memory>
+#include <string_view>
 #include <vector>
 
 #include "design/core/errors.h"
@@ -31,13 +35,45 @@ struct RawImage {
   std::vector<float> pixels;
 };
 
+/// What is wrong with a PNG as a file, "" if nothing: it is cut short or a chunk's checksum is off. libpng would say so on
+/// stderr by itself, beside the one line that we owe the user. Other formats pass. [PNG specification, sec. 5.3, annex D]
+std::string png_damage(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  const std::string bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  constexpr std::string_view kSignature("\x89PNG\r\n\x1a\n", 8);
+  if (!bytes.starts_with(kSignature)) return "";
+  static const auto table = [] {
+    std::array<std::uint32_t, 256> entries{};
+    for (std::uint32_t n = 0; n < 256; ++n) {
+      std::uint32_t c = n;
+      for (int k = 0; k < 8; ++k) c = (c & 1) != 0 ? 0xedb88320U ^ (c >> 1) : c >> 1;
+      entries[n] = c;
+    }
+    return entries;
+  }();
+  const auto byte = [&](std::size_t at) { return static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[at])); };
+  const auto word = [&](std::size_t at) { return byte(at) << 24 | byte(at + 1) << 16 | byte(at + 2) << 8 | byte(at + 3); };
+  for (std::size_t at = kSignature.size(); at + 12 <= bytes.size();) {
+    const std::size_t length = word(at);
+    if (length > bytes.size() - at - 12) break;
+    std::uint32_t crc = ~0U;
+    for (std::size_t k = at + 4; k < at + 8 + length; ++k) crc = table[(crc ^ byte(k)) & 255] ^ (crc >> 8);
+    if (~crc != word(at + 8 + length)) return "a checksum in it is wrong";
+    if (bytes.compare(at + 4, 4, "IEND") == 0) return "";
+    at += 12 + length;
+  }
+  return "it is cut short";
+}
+
 RawImage read_raw(const fs::path& path) {
   std::error_code error;
   if (!fs::exists(path, error)) throw InputError("picture " + path.string() + " does not exist; check the path");
+  if (fs::is_directory(path, error)) throw InputError("picture " + path.string() + " is a folder; name a file");
   const auto fail = [&](const std::string& why) {
     std::string line = why.substr(0, why.find('\n'));
     return InputError("cannot read picture " + path.string() + ": " + line + "; give a PNG, TIFF or EXR that opens in a viewer");
   };
+  if (const std::string damage = png_damage(path); !damage.empty()) throw fail(damage);
   std::unique_ptr<OIIO::ImageInput> input;
   try {
     input = OIIO::ImageInput::open(path.string());
