@@ -26,6 +26,7 @@
 #include "design/core/parallel.h"
 #include "design/core/text.h"
 #include "machine/connection.h"
+#include "machine/program_lines.h"
 #include "machine/streamer.h"
 #include "postproc/kinematics.h"
 
@@ -188,6 +189,21 @@ bool ask_operator(const std::string& what) {
   return answer.empty();
 }
 
+/// A run folder's programs leave only as the dry run saw them, and only if it found no fault.
+int allowed_to_mill(const RunFolder& folder) {
+  const std::string again = "lightmill dry-run " + folder.root().string();
+  if (folder.record(Stage::kDryRun).is_null()) throw InputError("these programs have not been dry-run, do not mill; run: " + again);
+  const json made = folder.record(Stage::kPost);
+  if (made.is_null()) throw InputError("the programs' record is gone, do not mill; run: lightmill make, or lightmill post and dry-run, again");
+  for (const auto& [name, what] : made["files"].items()) {
+    std::error_code error;
+    if (fs::exists(folder.file(name), error) && sha256_of_file(folder.file(name)) == what["sha256"]) continue;
+    throw InputError(name + " is not what the dry run saw (lines lost or edited), do not mill; write it again with: lightmill post " +
+                     folder.root().string() + ", then: " + again);
+  }
+  return verdict(folder);
+}
+
 int stream(const Common& common, const std::string& what, std::string port, int baud, bool confirm) {
   std::vector<fs::path> programs;
   std::error_code error;
@@ -201,12 +217,18 @@ int stream(const Common& common, const std::string& what, std::string port, int 
     }
     std::sort(programs.begin(), programs.end());
     if (programs.empty()) throw InputError("no program in " + folder.file("program").string() + "; make them with: lightmill post " + what);
+    if (const int code = allowed_to_mill(folder); code != kExitDone) return code;
   } else {
     programs.emplace_back(what);
   }
   if (port.empty()) throw InputError("no port given; name it with --port, for example --port /dev/ttyUSB0 (lightmill ports lists them)");
   std::vector<std::string> texts;
-  for (const auto& program : programs) texts.push_back(read_whole(program));
+  for (const auto& program : programs) {
+    texts.push_back(read_whole(program));
+    if (!ends_itself(texts.back())) {
+      throw InputError(program.string() + ": the last line is no M2 or M30, the file is cut short or its end is missing; copy it again or add the M30");
+    }
+  }
   const auto connection = open_serial(port, baud == 0 ? 115200 : baud);
   Progress progress(common.style());
   for (std::size_t i = 0; i < programs.size(); ++i) {

@@ -148,6 +148,7 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   std::size_t bytes_total = 0;
   for (const auto& program : programs) {
     texts.push_back(read_whole(program));
+    if (program_lines(texts.back()).empty()) throw InputError(program.string() + " is empty; name a program");
     bytes_total += texts.back().size();
   }
   std::error_code error;
@@ -172,6 +173,15 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   }
 
   SimulationOutcome outcome;
+  for (std::size_t i = 0; i < programs.size(); ++i) {
+    if (ends_itself(texts[i])) continue;
+    Fault fault;
+    fault.kind = "no_program_end";
+    fault.program = programs[i].filename().string();
+    fault.line = program_lines(texts[i]).back().number;
+    fault.message = "the last line is no M2 or M30: the file is cut short, or its end is missing; write or copy it again";
+    outcome.faults.push_back(fault);
+  }
   const auto started = std::chrono::steady_clock::now();
   {
     const auto connection = open_serial(link.string(), 115200);

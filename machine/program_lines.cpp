@@ -1,6 +1,7 @@
 #include "machine/program_lines.h"
 
 #include <algorithm>
+#include <cctype>
 
 namespace lightmill {
 
@@ -19,6 +20,29 @@ std::vector<ProgramLine> program_lines(std::string_view program) {
     lines.push_back({number, line});
   }
   return lines;
+}
+
+bool ends_itself(std::string_view program) {
+  auto lines = program_lines(program);
+  while (!lines.empty() && lines.back().text == "%") lines.pop_back();
+  if (lines.empty()) return false;
+  std::string words;  // without comments and blanks
+  bool comment = false;
+  for (const char c : lines.back().text) {
+    if (c == ';') break;
+    if (c == '(') comment = true;
+    if (!comment && c != ' ' && c != '\t') words += static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+    if (c == ')') comment = false;
+  }
+  for (std::size_t at = words.find('M'); at != std::string::npos; at = words.find('M', at + 1)) {
+    std::size_t first = at + 1;
+    while (first < words.size() && words[first] == '0') ++first;
+    std::size_t last = first;
+    while (last < words.size() && std::isdigit(static_cast<unsigned char>(words[last])) != 0) ++last;
+    const std::string number = words.substr(first, last - first);
+    if (number == "2" || number == "30") return true;
+  }
+  return false;
 }
 
 std::string LineDigest::hex() const {

@@ -17,6 +17,10 @@ struct ProgramLine {
 /// All lines but blank ones (a controller takes an empty line as the order to forget its last error).
 std::vector<ProgramLine> program_lines(std::string_view program);
 
+/// Does its last line end the program (M2 or M30 outside comments; a closing % may follow)? One that does not was cut
+/// short on its way, its very last number perhaps with it, and would leave the machine with the spindle running.
+bool ends_itself(std::string_view program);
+
 /// FNV-1a, 64 bits, over every line's bytes and a line feed: a lost, doubled, changed or swapped line changes it.
 class LineDigest {
  public:

@@ -53,7 +53,17 @@ CommandResult make(const fs::path& job, const ScratchFolder& scratch, const std:
 TEST(BadInput, AnUnreadablePng) {
   const ScratchFolder scratch;
   spill(scratch / "broken.png", slurp(fixture("pictures/tiny.png")).substr(0, 300));
-  expect_one_line(make(scratch / "broken.png", scratch), 2, {"broken.png"});
+  const CommandResult cut = make(scratch / "broken.png", scratch);
+  expect_one_line(cut, 2, {"broken.png", "cut short"});
+  std::string picture = slurp(fixture("pictures/tiny.png"));
+  picture[picture.size() / 2] ^= 1;
+  spill(scratch / "flipped.png", picture);
+  const CommandResult flipped = make(scratch / "flipped.png", scratch);
+  expect_one_line(flipped, 2, {"flipped.png", "checksum"});
+  // No word from the library beside ours.
+  EXPECT_THAT(cut.err + flipped.err, ::testing::Not(HasSubstr("libpng")));
+  fs::create_directory(scratch / "folder.png");
+  expect_one_line(make(scratch / "folder.png", scratch), 2, {"folder.png is a folder"});
   spill(scratch / "text.png", "this is no picture");
   expect_one_line(make(scratch / "text.png", scratch), 2, {"text.png"});
   EXPECT_THAT(files_below(scratch / "run"), ::testing::ElementsAre("job.toml", "report.json"));
@@ -100,6 +110,18 @@ TEST(BadInput, ASerialPortThatIsNotThere) {
   spill(scratch / "part.nc", "G21\nM30\n");
   expect_one_line(lightmill_command({"stream", (scratch / "part.nc").string(), "--port", "/dev/ttyNotThere"}), 3, {"/dev/ttyNotThere"});
   expect_one_line(lightmill_command({"stream", (scratch / "part.nc").string()}), 2, {"--port"});
+}
+
+TEST(BadInput, AProgramThatIsCutShortIsNotSent) {
+  const ScratchFolder scratch;
+  for (const char* text : {"", "G21\nG0 X1\n", "G21\nM3 S1000 (M30)\n", "G21\nM300\n"}) {
+    spill(scratch / "cut.nc", text);
+    expect_one_line(lightmill_command({"stream", (scratch / "cut.nc").string(), "--port", "/dev/ttyNotThere"}), 2, {"cut.nc", "cut short"});
+  }
+  for (const char* text : {"G21\nM30\n%\n", "G21\nN20 m02 ; end", "G21\nM5 M9 M30 (done)"}) {
+    spill(scratch / "whole.nc", text);
+    expect_one_line(lightmill_command({"stream", (scratch / "whole.nc").string(), "--port", "/dev/ttyNotThere"}), 3, {"/dev/ttyNotThere"});
+  }
 }
 
 TEST(BadInput, ADiskIsDesignedButNotMilled) {

@@ -174,18 +174,25 @@ TEST(Chain, ADryRunIsNoEcho) {
 
   // The operator has zeroed another offset than the program uses.
   expect_fault("a swapped work offset", {"--work-offset", "55"});
+  // What the dry run objects to does not leave for a machine; exit code 3: all is well but for the port.
+  const auto stream_code = [&] { return lightmill_command({"stream", run, "--port", "/dev/ttyNotThere"}).code; };
+  EXPECT_EQ(stream_code(), 5);
 
   // Nothing of that stays: the shop floor of the job is clean.
   EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
+  EXPECT_EQ(stream_code(), 3);
 
   // A block lost from the program.
   const std::string program = slurp(run + "/program/30_finish.nc");
   std::size_t line = program.size() / 2;
   line = program.find('\n', line) + 1;
   spill(run + "/program/30_finish.nc", program.substr(0, line) + program.substr(program.find('\n', line) + 1));
+  EXPECT_EQ(stream_code(), 2);
   EXPECT_THAT(expect_fault("a lost block", {}), HasSubstr("program_changed"));
   spill(run + "/program/30_finish.nc", program);
   EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
+  EXPECT_EQ(lightmill_command({"post", run}).code, 0);
+  EXPECT_EQ(stream_code(), 2) << "posted again, not dry-run";
 }
 
 TEST(Chain, KillingItAnywhereLeavesWholeFilesAndItResumes) {
@@ -273,6 +280,14 @@ TEST(Chain, AnyProgramCanBeDryRun) {
   EXPECT_EQ(faults[0]["kind"], "rapid_in_stock");
   EXPECT_EQ(faults[0]["program"], "deep.nc");
   EXPECT_EQ(faults[0]["line"], 8);
+
+  // A file that lost its tail is told from a whole one.
+  spill(scratch / "tail.nc", "G21 G90 G94 G17 G54\nG53 G0 Z0\nG53 G0 X1");
+  const CommandResult tail = lightmill_command({"dry-run", (scratch / "tail.nc").string(), "--blank", "12x10x5", "-o", (scratch / "out").string()});
+  EXPECT_EQ(tail.code, 5) << tail.err;
+  EXPECT_THAT(tail.err, HasSubstr("no_program_end"));
+  spill(scratch / "nothing.nc", "\n");
+  EXPECT_EQ(lightmill_command({"dry-run", (scratch / "nothing.nc").string(), "--blank", "12x10x5", "-o", (scratch / "out").string()}).code, 2);
 }
 
 }  // namespace
