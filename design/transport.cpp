@@ -12,6 +12,7 @@
 #include "design/core/text.h"
 #include "design/detail/coverage.h"
 #include "design/detail/laplacian.h"
+#include "design/detail/one_blas_thread.h"
 #include "design/detail/power_diagram.h"
 #include "design/detail/sampling.h"
 #include "design/detail/target_measure.h"
@@ -353,6 +354,7 @@ void check(const SourceLight& source, const TargetLight& target, const Transport
 TransportMap solve_transport(const SourceLight& source, const TargetLight& target, const TransportOptions& options,
                              const Monitor& monitor) {
   check(source, target, options);
+  const detail::OneBlasThread one_blas_thread;
   const auto start = std::chrono::steady_clock::now();
   const std::vector<Sampling> samplings = detail::sample_source(source, options.samples, monitor);
 

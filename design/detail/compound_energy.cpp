@@ -1,7 +1,6 @@
 #include "design/detail/compound_energy.h"
 
 #include <ceres/ceres.h>
-#include <dlfcn.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -10,6 +9,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
+#include "design/detail/one_blas_thread.h"
 
 namespace lightmill::detail {
 
@@ -256,30 +256,6 @@ class StopCallback : public ceres::IterationCallback {
  private:
   const Monitor& monitor_;
   int iterations_;
-};
-
-/// OpenBLAS's threads wait for each other by spinning: on a machine that has other work they burn more than they give
-/// (measured: 56 against 28 CPU seconds). The blocks of these factors are small; one thread is nearly as fast on an
-/// idle one.
-class OneBlasThread {
- public:
-  OneBlasThread() {
-    // Looked up, because another BLAS may stand behind CHOLMOD.
-    const auto get = reinterpret_cast<int (*)()>(dlsym(RTLD_DEFAULT, "openblas_get_num_threads"));
-    set_ = reinterpret_cast<void (*)(int)>(dlsym(RTLD_DEFAULT, "openblas_set_num_threads"));
-    if (!get || !set_) return;
-    before_ = get();
-    set_(1);
-  }
-  ~OneBlasThread() {
-    if (before_ > 0) set_(before_);
-  }
-  OneBlasThread(const OneBlasThread&) = delete;
-  OneBlasThread& operator=(const OneBlasThread&) = delete;
-
- private:
-  void (*set_)(int) = nullptr;
-  int before_ = 0;
 };
 
 }  // namespace
