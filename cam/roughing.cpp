@@ -21,6 +21,7 @@ constexpr double kRampSlope = 0.0524;     ///< 3 degrees: the steepest way down 
 constexpr double kCoreShare = 0.5;        ///< of the radius that must not be pushed down into material
 constexpr double kGapMm = 10;             ///< stretches nearer than this are milled as one
 constexpr double kAboveMm = 1;            ///< of links above material
+constexpr double kBesideMm = 1;           ///< of entries beside the block, over contact
 constexpr double kShortLinkMm = 30;       ///< a longer way back is a rapid at full clearance
 constexpr double kFinalScallopMm = 0.25;  ///< aim for what the last raster leaves between its lines
 constexpr int kMostTraverses = 40;        ///< of a pit, each 3 degrees deeper
@@ -52,8 +53,8 @@ class Rougher {
     dx_ = blank.size_mm.x() / block_nx_;
     dy_ = blank.size_mm.y() / block_ny_;
     // The tip's grid reaches so far out that the cutter stands beside the block at its rim, with air between.
-    rim_x_ = static_cast<int>(std::ceil((radius_ + 1) / dx_));
-    rim_y_ = static_cast<int>(std::ceil((radius_ + 1) / dy_));
+    rim_x_ = static_cast<int>(std::ceil((radius_ + kBesideMm) / dx_));
+    rim_y_ = static_cast<int>(std::ceil((radius_ + kBesideMm) / dy_));
     for (int j = -static_cast<int>(radius_ / dy_); j <= static_cast<int>(radius_ / dy_); ++j) {
       for (int i = -static_cast<int>(radius_ / dx_); i <= static_cast<int>(radius_ / dx_); ++i) {
         const double r = std::hypot(i * dx_, j * dy_);
@@ -317,6 +318,22 @@ class Rougher {
 
   /// To a start that is clear of material, through air.
   void approach(const Vec3& start, int i, int j) {
+    // Beside the block the cutter goes down fast. It stands off there by more than contact, since blanks are sawn and
+    // stand a few tenths over, and comes in at the feed of a cut; the farther out, the less of it is above the block.
+    const int away = static_cast<int>(std::ceil(kBesideMm / dx_));
+    int out = i;
+    if (start.x() < box_.min.x()) out = std::max(0, i - away);
+    if (start.x() > box_.max.x()) out = std::min(tip_columns() - 1, i + away);
+    const bool arrived = !moves_.empty() && (moves_.back().pose.tip_mm - start).norm() < 1e-9;
+    if (out != i && !arrived) {
+      approach_straight(Vec3(x_of(out), start.y(), start.z()), out, j);
+      push(start, MoveKind::kCut, mill_.feed_mm_per_s());
+    } else {
+      approach_straight(start, i, j);
+    }
+  }
+
+  void approach_straight(const Vec3& start, int i, int j) {
     if (moves_.empty()) {
       push({start.x(), start.y(), clearance_z_}, MoveKind::kRapid, 0);
     } else {
