@@ -320,10 +320,16 @@ class Rougher {
   void approach(const Vec3& start, int i, int j) {
     // Beside the block the cutter goes down fast. It stands off there by more than contact, since blanks are sawn and
     // stand a few tenths over, and comes in at the feed of a cut; the farther out, the less of it is above the block.
-    const int away = static_cast<int>(std::ceil(kBesideMm / dx_));
+    const auto beside_by = [&](int column) {
+      const double x = std::max(0.0, std::abs(x_of(column) - box_.centre().x()) - box_.size().x() / 2);
+      const double y = std::max(0.0, std::abs(y_of(j) - box_.centre().y()) - box_.size().y() / 2);
+      return std::hypot(x, y) - radius_;
+    };
     int out = i;
-    if (start.x() < box_.min.x()) out = std::max(0, i - away);
-    if (start.x() > box_.max.x()) out = std::min(tip_columns() - 1, i + away);
+    if (beside_by(i) > -mill_.corner_radius_mm - dx_) {
+      const int side = start.x() < box_.centre().x() ? -1 : 1;
+      while (beside_by(out) < kBesideMm && out + side >= 0 && out + side < tip_columns()) out += side;
+    }
     const bool arrived = !moves_.empty() && (moves_.back().pose.tip_mm - start).norm() < 1e-9;
     if (out != i && !arrived) {
       approach_straight(Vec3(x_of(out), start.y(), start.z()), out, j);

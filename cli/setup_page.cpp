@@ -109,7 +109,7 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
 
   html += "<h2>Checklist</h2>\n<ol class=check>\n";
   for (const std::string& item :
-       {"Blank measured: " + size + ", at least; underside flat and clean",
+       {"Blank measured: " + size + ", sides and height 0 to +0.3 mm; underside flat and clean",
         std::string("Work holding leaves all four sides free down to the table: cutters enter beside the part"),
         std::string("Tools in places 1 to 3 of the table above, lengths measured and equal to 0.02 mm; finishing run-out below 5 &micro;m"),
         offset + " entered as above; " + std::string(1, machine.outer.letter) + " and " + std::string(1, machine.inner.letter) + " homed",
