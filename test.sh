@@ -7,4 +7,5 @@ shift || true
 .ci/install test
 cmake --preset "$preset" -DLIGHTMILL_TESTS=ON >/dev/null
 cmake --build --preset "$preset" -- --quiet
+export LSAN_OPTIONS="suppressions=$PWD/.ci/lsan:print_suppressions=0"
 ctest --preset "$preset" -j 2 "$@"
