@@ -26,9 +26,9 @@ struct FinishOptions {
 };
 
 /// One-way passes along +X (climb milling), y growing, each entered and left beside the part in air, tangentially;
-/// where a short stretch alone asks for closer passes it gets pieces of its own, landed on and left along a gentle
-/// curve. Throws InputError when no fixed tilt keeps the contact off the ball's centre and the shank off the part,
-/// naming the slopes.
+/// their spacing changes slowly, so that no line shows in the light; where a short stretch alone asks for much closer
+/// passes it gets pieces of its own, landed on and left along a gentle curve. Throws InputError when no fixed tilt
+/// keeps the contact off the ball's centre and the shank off the part, naming the slopes.
 ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
                         const FinishOptions& options, const Monitor& monitor = {});
 

@@ -16,12 +16,12 @@ constexpr double kIntoJumpMm = 0.01;     ///< steps into the unreachable from it
 constexpr double kStationMm = 0.015;     ///< stations nearer than this are one
 constexpr double kLeastOfFlat = 0.25;    ///< full passes are never nearer than this share of the flat stepover
 constexpr double kMostOfFlat = 2.0;
-constexpr double kSurveyOfFlat = 0.9;
+constexpr double kSurveyOfFlat = 0.9;  ///< even passes that tell what each place allows
 constexpr double kAim = 0.995;         ///< of the cusp, for passes not yet placed
-constexpr double kSmoothMm = 3;        ///< spacing changes over at least twice this
+constexpr double kSmoothMm = 3;        ///< to either side: spacing goes from one value to another over twice this
 constexpr double kSmoothLoss = 0.003;  ///< share of the spacing that smoothness may cost everywhere
-constexpr int kMostRounds = 4;
-constexpr double kInfillSaves = 0.3;  ///< share of the path that infill must save, for its borders show in the light
+constexpr int kMostRounds = 4;         ///< of placing passes
+constexpr double kInfillSaves = 0.3;   ///< share of the path that infill must save, for its borders show in the light
 constexpr double kInfillLeastOfFlat = 1.0 / 16;
 constexpr double kInfillGrowMm = 0.6;  ///< an infill piece starts before and ends after the stretch that asks for it
 constexpr double kInfillMergeMm = 4;   ///< pieces nearer than this become one
@@ -165,15 +165,14 @@ class Spacer {
     wanted_.max += Vec2::Constant(2 * flat_);
   }
 
-  /// Spacing as a smooth function of y below everywhere's wish, passes placed by it, and a look at what they leave.
+  /// A survey, passes placed by what it allows, a look at what they leave.
   [[nodiscard]] SpacedPasses plan(const Monitor& monitor) const {
     SpacingField field(options_.from_y, options_.to_y, kSurveyOfFlat * flat_, kMostOfFlat * flat_);
     std::vector<double> ys = field.nodes();
     std::vector<CentrePath> paths = compute_paths(ys, monitor.part(0, 0.2));
     std::vector<Between> between = look_between(paths, false, monitor.part(0.2, 0.4));
     for (std::size_t k = 0; k + 1 < ys.size(); ++k) field.limit(ys[k], ys[k + 1], between[k].wish_mm);
-    // What the survey foretells for another spacing at another place is right to about a hundredth; where it is not,
-    // the field gives way.
+    // What the survey foretells for other passes is right to about a hundredth; where it is not, the field gives way.
     for (int round = 0;; ++round) {
       const Monitor part = monitor.part(0.4 + 0.15 * round, 0.4 + 0.15 * (round + 1));
       ys = field.places();
@@ -409,7 +408,7 @@ class Spacer {
     return stations;
   }
 
-  /// The spacing with which every station's cusp is `aim`; or a wider one, with infill for the discontent, where that
+  /// The spacing at which no station's cusp is above `aim`; or a wider one, with infill for the discontent, where that
   /// saves much of the path.
   [[nodiscard]] double cheapest(const std::vector<Station>& stations, double spacing, double aim) const {
     struct Wish {

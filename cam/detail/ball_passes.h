@@ -37,7 +37,7 @@ struct SpacingOptions {
   double cutting_radius_mm = 2;  ///< R of the cutter; `ball` has R + allowance
   double cusp_mm = 1.3e-3;       ///< highest cusp on the reachable surface, along its normal
   double from_x = 0, to_x = 0;   ///< of every full pass
-  double from_y = 0, to_y = 0;   ///< first and last pass
+  double from_y = 0, to_y = 0;   ///< of the first pass; the last one is there or less than a spacing beyond
   PathTolerance tolerance;
 };
 
@@ -49,10 +49,10 @@ struct SpacedPasses {
   long infill_pieces = 0;
 };
 
-/// A march in y: each pass as far from the one before as the cusp allows at the lowest cost; where a short stretch
-/// alone asks for closer passes it gets infill pieces instead. The cusp at a surface point is its distance to the
-/// nearest of the two polylines less R. Points that no ball can reach (closing above the surface by 0.1 um) ask for
-/// nothing.
+/// Passes as far from each other as the cusp allows, at a spacing that changes slowly with y: neighbouring cusps that
+/// differ would leave lines in the light. Where a short stretch asks for much closer passes than all else (a crease) it
+/// gets infill pieces instead. The cusp at a surface point is its distance to the nearest of the two polylines less R.
+/// Points that no ball can reach (closing above the surface by 0.1 um) ask for nothing.
 SpacedPasses space_passes(const BallContact& ball, const SpacingOptions& options, const Monitor& monitor);
 
 /// Stepover on a plane along the passes, from the cusp: s = 2 sqrt(h (2 R - h)).

@@ -195,6 +195,54 @@ TEST(Finishing, OnACylinderAlongThePassesTheStepoverFollowsTheCurvature) {
   }
 }
 
+/// y of the passes that run from side to side.
+std::vector<double> full_passes(const ToolPath& path, double width_mm) {
+  std::vector<double> ys;
+  double from_x = 0;
+  for (std::size_t k = 1; k < path.moves.size(); ++k) {
+    const Move& m = path.moves[k];
+    if (m.kind == MoveKind::kLink) from_x = m.pose.tip_mm.x();
+    const bool last = k + 1 == path.moves.size() || path.moves[k + 1].kind != MoveKind::kCut;
+    if (m.kind == MoveKind::kCut && last && m.pose.tip_mm.x() - from_x > width_mm)
+      ys.push_back(m.pose.tip_mm.y() + path.cutter.radius_mm() * m.pose.axis.y());
+  }
+  return ys;
+}
+
+TEST(Finishing, SpacingChangesTooSlowlyToBeSeenInTheLight) {
+  // What is left after a polish stands higher by the mean of the cusps, h / 3, where h goes with the spacing's square.
+  // Light over a throw f shows the change of slope: I - 1 = (n - 1) f d2/dy2 (h / 3). With second differences of the
+  // spacing below 0.2 % of itself that is below 0.49 * 300 * (2 / 3 * 1.3e-3 * 0.002 / 0.14^2) = 1.3 %.
+  const Vec2 size(9, 17);
+  const auto valley = [](double x, double y) {  // of radius 5 at its bottom, between planes
+    const double v = y - 1.3 - 0.05 * x;
+    return 12 - 0.072 * std::exp(-v * v / 0.72);
+  };
+  const auto narrow = spline_of(Box2::centred(size), 36, 68, valley);
+  double narrowest = 1;
+  for (const auto& s : {narrow, hilly(23, size), hilly(24, size)}) {
+    const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), {});
+    const std::vector<double> ys = full_passes(path, size.x());
+    ASSERT_GT(ys.size(), size.y() / path.stepover_mm);
+    for (std::size_t k = 2; k < ys.size(); ++k) {
+      const double below = ys[k - 1] - ys[k - 2];
+      const double above = ys[k] - ys[k - 1];
+      narrowest = std::min(narrowest, above / path.stepover_mm);
+      EXPECT_LT(std::abs(above - below), 0.015 * below) << "at y " << ys[k];
+      if (k > 2) {
+        const double before = ys[k - 2] - ys[k - 3];
+        EXPECT_LT(std::abs(above - 2 * below + before), 0.002 * below) << "at y " << ys[k];
+      }
+    }
+    EXPECT_LE(path.predicted_cusp_um, 1.3);
+    // No pieces between: three links lead from pass to pass.
+    const auto links =
+        std::count_if(path.moves.begin(), path.moves.end(), [](const Move& m) { return m.kind == MoveKind::kLink; });
+    EXPECT_EQ(links, 3 * static_cast<long>(ys.size() - 1) + 2);
+  }
+  EXPECT_LT(narrowest, 0.9) << "nothing to be slow about";
+}
+
 class FinishingEverywhere : public ::testing::TestWithParam<int> {};
 
 TEST_P(FinishingEverywhere, NoGougeAndNoCuspAboveTheLimit) {
