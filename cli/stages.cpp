@@ -1,6 +1,7 @@
 #include "cli/stages.h"
 
 #include "cli/digest.h"
+#include "cli/pages.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
@@ -115,6 +116,9 @@ void check_job(const Job& job) {
 void run_stage(Stage stage, const Job& job, RunFolder& folder, const Monitor& monitor, const ShopOverrides& overrides) {
   monitor.check();
   folder.begin(stage);
+  // Pages of the run before would praise programs that are gone, should this stage fail.
+  std::error_code error;
+  if (std::filesystem::exists(folder.file("report.html"), error)) write_pages(job, folder);
   const std::string digest = stage_digest(stage, job, folder, overrides);
   StageResult result;
   switch (stage) {

@@ -193,6 +193,14 @@ TEST(Chain, ADryRunIsNoEcho) {
   EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
   EXPECT_EQ(lightmill_command({"post", run}).code, 0);
   EXPECT_EQ(stream_code(), 2) << "posted again, not dry-run";
+  EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
+
+  // A later run that fails leaves no sheet that praises the programs of this one.
+  const fs::path low = scratch / "low.toml";
+  spill(low, slurp(tiny_job(scratch)) + "\n[stock]\nheight_mm = 4.05\n");
+  EXPECT_EQ(lightmill_command({"make", low.string(), "-o", run}).code, 2);
+  EXPECT_FALSE(fs::exists(run + "/setup_sheet.html"));
+  EXPECT_THAT(slurp(run + "/report.html"), ::testing::Not(HasSubstr("found no fault")));
 }
 
 TEST(Chain, KillingItAnywhereLeavesWholeFilesAndItResumes) {
