@@ -1,3 +1,4 @@
+#include <filesystem>
 #include <cstdio>
 #include <exception>
 #include <new>
@@ -33,6 +34,11 @@ int main(int argc, char** argv) {
     return complain("stopped; finished stages are kept, the same command goes on from there", kExitStopped);
   } catch (const std::bad_alloc&) {
     return complain("not enough memory; choose fewer samples, a smaller mesh or a coarser dry_run.pitch_um", kExitIo);
+  } catch (const std::filesystem::filesystem_error& e) {
+    if (e.code() == std::errc::invalid_argument) {
+      return complain("a file or folder name is empty; name one (is a shell variable unset?)", kExitBadInput);
+    }
+    return complain(e.path1().string() + ": " + e.code().message() + "; check the path and its permissions", kExitIo);
   } catch (const std::exception& e) {
     return complain(std::string("internal error, please report it: ") + e.what(), kExitBug);
   }

@@ -30,13 +30,15 @@ enum class Bar { kAtMost, kAtLeast };
 
 void judge(const std::string& what, double value, Bar bar, double limit) {
   const bool holds = bar == Bar::kAtMost ? value <= limit : value >= limit;  // false for NaN
-  std::printf("%-58s %12.6g  %s %-10.6g %s\n", what.c_str(), value, bar == Bar::kAtMost ? "at most " : "at least", limit,
-              holds ? "holds" : "FAILS");
+  std::printf("%-58s %12.6g  %s %-10.6g %s\n", what.c_str(), value, bar == Bar::kAtMost ? "at most " : "at least",
+              limit, holds ? "holds" : "FAILS");
   std::fflush(stdout);
   failures += holds ? 0 : 1;
 }
 
-std::string quoted(const std::string& text) { return "'" + text + "'"; }
+std::string quoted(const std::string& text) {
+  return "'" + text + "'";
+}
 
 /// What a command prints; a command that fails counts as a failure.
 std::string output_of(const std::string& command) {
@@ -62,11 +64,15 @@ double number_after(const std::string& text, const std::string& start, const std
 
 /// Figures of the designed surface at mesh 321 on a 100 mm lens at 300 mm; light conservation with them.
 void design(const fs::path& bench_folder) {
-  const std::string text = output_of(quoted((bench_folder / "surface_bench").string()) + " point circle rings portrait");
-  judge("point: RMS height error against the hyperboloid, um", number_after(text, "point: RMS", "error"), Bar::kAtMost, 1);
+  const std::string text =
+      output_of(quoted((bench_folder / "surface_bench").string()) + " point circle rings portrait");
+  judge("point: RMS height error against the hyperboloid, um", number_after(text, "point: RMS", "error"), Bar::kAtMost,
+        1);
   judge("circle: RMS height error against the oval, um", number_after(text, "circle: RMS", "error"), Bar::kAtMost, 2);
-  judge("rings: light outside their support", number_after(text, "rings: transport", "outside support"), Bar::kAtMost, 0.04);
-  judge("portrait without signature: l1_error", number_after(text, "portrait: transport", "l1_error"), Bar::kAtMost, 0.10);
+  judge("rings: light outside their support", number_after(text, "rings: transport", "outside support"), Bar::kAtMost,
+        0.04);
+  judge("portrait without signature: l1_error", number_after(text, "portrait: transport", "l1_error"), Bar::kAtMost,
+        0.10);
   for (const char* name : {"rings", "portrait"}) {
     judge(std::string(name) + ": |light in - light out|",
           std::abs(number_after(text, std::string(name) + ": transport", "light - 1 =")), Bar::kAtMost, 1e-9);
@@ -79,8 +85,10 @@ bool rs274_reads(const fs::path& program, const fs::path& scratch) {
   lightmill::write_whole(scratch / "tool.tbl",
                          "T1 P1 D0.3937008 Z3.5433071\nT2 P2 D0.1574803 Z3.3464567\nT3 P3 D0.1574803 Z3.3464567\n");
   const std::string command = "cd " + quoted(scratch.string()) + " && HOME=" + quoted(scratch.string()) +
-                              " rs274 -g -t tool.tbl " + quoted(fs::absolute(program).string()) + " out.txt > log.txt 2>&1";
-  return std::system(command.c_str()) == 0 && lightmill::read_whole(scratch / "out.txt").find("PROGRAM_END") != std::string::npos;
+                              " rs274 -g -t tool.tbl " + quoted(fs::absolute(program).string()) +
+                              " out.txt > log.txt 2>&1";
+  return std::system(command.c_str()) == 0 &&
+         lightmill::read_whole(scratch / "out.txt").find("PROGRAM_END") != std::string::npos;
 }
 
 void judge_run(const std::string& name, const fs::path& run, bool main_job) {
@@ -89,9 +97,13 @@ void judge_run(const std::string& name, const fs::path& run, bool main_job) {
     const json::json_pointer at(pointer);
     if (!report.contains(at)) return std::nan("");
     const json& value = report.at(at);
-    return value.is_boolean() ? static_cast<double>(value.get<bool>()) : value.is_number() ? value.get<double>() : std::nan("");
+    return value.is_boolean()  ? static_cast<double>(value.get<bool>())
+           : value.is_number() ? value.get<double>()
+                               : std::nan("");
   };
-  const auto at_most = [&](const char* pointer, double limit) { judge(name + ": " + (pointer + 1), figure(pointer), Bar::kAtMost, limit); };
+  const auto at_most = [&](const char* pointer, double limit) {
+    judge(name + ": " + (pointer + 1), figure(pointer), Bar::kAtMost, limit);
+  };
   at_most("/design/transport/empty_cells", 0);
   at_most("/design/surface/inverted_triangles", 0);
   if (main_job) at_most("/design/caustic/l1_error", 0.10);
@@ -114,7 +126,8 @@ void judge_run(const std::string& name, const fs::path& run, bool main_job) {
     at_most("/dry_run/seconds", 180);
   }
   const bool has_rs274 = std::system("command -v rs274 > /dev/null 2>&1") == 0;
-  if (!has_rs274) std::printf("%s: rs274 is not installed: apt-get install --no-install-recommends linuxcnc-uspace\n", name.c_str());
+  if (!has_rs274)
+    std::printf("%s: rs274 is not installed: apt-get install --no-install-recommends linuxcnc-uspace\n", name.c_str());
   for (const char* program : {"10_rough.nc", "20_semi_finish.nc", "30_finish.nc"}) {
     if (!has_rs274) break;
     const fs::path scratch = fs::temp_directory_path() / ("acceptance_rs274_" + std::to_string(getpid()));
@@ -126,8 +139,8 @@ void judge_run(const std::string& name, const fs::path& run, bool main_job) {
 /// The whole chain of one job; with its time and memory if it is the main one.
 void chain(const std::string& name, const fs::path& run, bool main_job) {
   const auto start = std::chrono::steady_clock::now();
-  output_of(quoted(LIGHTMILL_BINARY) + " make " + quoted(std::string(LIGHTMILL_FIXTURES) + "/jobs/" + name + ".toml") + " -q -o " +
-            quoted(run.string()));
+  output_of(quoted(LIGHTMILL_BINARY) + " make " + quoted(std::string(LIGHTMILL_FIXTURES) + "/jobs/" + name + ".toml") +
+            " -q -o " + quoted(run.string()));
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   rusage usage{};
   getrusage(RUSAGE_CHILDREN, &usage);

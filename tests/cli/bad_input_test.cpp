@@ -140,6 +140,11 @@ TEST(BadInput, ACommandLineThatIsNone) {
   expect_one_line(lightmill_command({"machine", "--pty", "/tmp/never", "--out", "/tmp/never", "--blank", "10x10"}), 2, {"--blank", "100x80x14"});
 }
 
+TEST(BadInput, AnEmptyName) {
+  expect_one_line(lightmill_command({"make", "", "-o", "somewhere"}), 2, {"empty"});
+  expect_one_line(lightmill_command({"make", fixture("jobs/tiny.toml").string(), "-o", ""}), 2, {"empty"});
+}
+
 TEST(BadInput, AFolderThatCannotBeWritten) {
   const ScratchFolder scratch;
   const fs::path job = tiny_job(scratch);
