@@ -21,11 +21,50 @@ namespace lightmill::detail {
 namespace {
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+
+/// The kernel with a floating-point filter before its power test, which has none of its own but interval arithmetic.
+struct FilteredTraits : Kernel {
+  struct Power_side_of_oriented_power_circle_2 : Kernel::Power_side_of_oriented_power_circle_2 {
+    using Base = Kernel::Power_side_of_oriented_power_circle_2;
+    using Base::operator();
+    CGAL::Oriented_side operator()(const Kernel::Weighted_point_2& p, const Kernel::Weighted_point_2& q,
+                                   const Kernel::Weighted_point_2& r, const Kernel::Weighted_point_2& t) const {
+      struct Row {
+        double x, y, z;
+        double largest;  // of the terms that z is summed from, added up
+      };
+      const auto row = [&t](const Kernel::Weighted_point_2& a) -> Row {
+        const double x = a.x() - t.x();
+        const double y = a.y() - t.y();
+        const double square = x * x + y * y;
+        return {x, y, square - a.weight() + t.weight(), square + std::abs(a.weight()) + std::abs(t.weight())};
+      };
+      const Row a = row(p);
+      const Row b = row(q);
+      const Row c = row(r);
+      const double determinant =
+          a.z * (b.x * c.y - b.y * c.x) + b.z * (c.x * a.y - c.y * a.x) + c.z * (a.x * b.y - a.y * b.x);
+      const double x = std::max({std::abs(a.x), std::abs(b.x), std::abs(c.x)});
+      const double y = std::max({std::abs(a.y), std::abs(b.y), std::abs(c.y)});
+      const double z = std::max({a.largest, b.largest, c.largest});
+      // Six products of at most x y z, each with at most twelve roundings of 2^-53 relative to that bound, make 8e-15.
+      const double bound = 2e-14 * x * y * z;
+      if (determinant > bound) return CGAL::ON_POSITIVE_SIDE;
+      if (determinant < -bound) return CGAL::ON_NEGATIVE_SIDE;
+      return Base::operator()(p, q, r, t);
+    }
+  };
+  [[nodiscard]] Power_side_of_oriented_power_circle_2 power_side_of_oriented_power_circle_2_object() const {
+    return {};
+  }
+};
+
 using VertexBase =
-    CGAL::Regular_triangulation_vertex_base_2<Kernel, CGAL::Triangulation_vertex_base_with_info_2<int, Kernel>>;
+    CGAL::Regular_triangulation_vertex_base_2<FilteredTraits, CGAL::Triangulation_vertex_base_with_info_2<int, Kernel>>;
 using FaceBase =
-    CGAL::Regular_triangulation_face_base_2<Kernel, CGAL::Triangulation_face_base_with_info_2<int, Kernel>>;
-using Triangulation = CGAL::Regular_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>>;
+    CGAL::Regular_triangulation_face_base_2<FilteredTraits, CGAL::Triangulation_face_base_with_info_2<int, Kernel>>;
+using Triangulation =
+    CGAL::Regular_triangulation_2<FilteredTraits, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>>;
 
 constexpr std::size_t kBlock = 4096;
 
