@@ -92,7 +92,9 @@ class Level {
     const auto done = [&] { return now.empty == 0 && now.l1_error <= l1 && now.max_error <= most; };
     double newton_from = kNewtonFrom;
     while (!done() && evaluations_ < budget_) {
-      descend(now, newton_from, done, monitor);
+      // The descent's first steps, without memory, only spoil what prediction or prolongation brought near.
+      const bool near = now.empty == 0 && now.l1_error < newton_from;
+      if (!near) descend(now, newton_from, done, monitor);
       if (done()) break;
       if (!newton(now, done, monitor)) newton_from = std::min(newton_from, now.l1_error) / 2;
     }
