@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <random>
@@ -387,7 +388,8 @@ TEST(Finishing, SamePassesWhateverTheThreadCount) {
   const auto s = hilly(40, {14, 14});
   const auto bytes = [&](int threads) {
     set_thread_count(threads);
-    const auto file = std::filesystem::path(::testing::TempDir()) / ("threads_" + std::to_string(threads) + ".bin");
+    const auto file = std::filesystem::path(::testing::TempDir()) /
+                      ("threads_" + std::to_string(threads) + "_" + std::to_string(::getpid()) + ".bin");
     write_toolpaths(file, {plan_finishing(s, blank_for(s), finishing_ball(), {})});
     set_thread_count(0);
     return read_whole(file);
