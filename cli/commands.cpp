@@ -11,12 +11,12 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "cli/shop_tools.h"
 #include "cli/digest.h"
 #include "cli/job.h"
 #include "cli/pages.h"
 #include "cli/progress.h"
 #include "cli/run_folder.h"
+#include "cli/shop_tools.h"
 #include "cli/simulation.h"
 #include "cli/stage_runs.h"
 #include "cli/stages.h"
@@ -192,14 +192,19 @@ bool ask_operator(const std::string& what) {
 /// A run folder's programs leave only as the dry run saw them, and only if it found no fault.
 int allowed_to_mill(const RunFolder& folder) {
   const std::string again = "lightmill dry-run " + folder.root().string();
-  if (folder.record(Stage::kDryRun).is_null()) throw InputError("these programs have not been dry-run, do not mill; run: " + again);
+  if (folder.record(Stage::kDryRun).is_null())
+    throw InputError("these programs have not been dry-run, do not mill; run: " + again);
   const json made = folder.record(Stage::kPost);
-  if (made.is_null()) throw InputError("the programs' record is gone, do not mill; run: lightmill make, or lightmill post and dry-run, again");
+  if (made.is_null())
+    throw InputError(
+        "the programs' record is gone, do not mill; run: lightmill make, or lightmill post and dry-run, again");
   for (const auto& [name, what] : made["files"].items()) {
     std::error_code error;
     if (fs::exists(folder.file(name), error) && sha256_of_file(folder.file(name)) == what["sha256"]) continue;
-    throw InputError(name + " is not what the dry run saw (lines lost or edited), do not mill; write it again with: lightmill post " +
-                     folder.root().string() + ", then: " + again);
+    throw InputError(
+        name +
+        " is not what the dry run saw (lines lost or edited), do not mill; write it again with: lightmill post " +
+        folder.root().string() + ", then: " + again);
   }
   return verdict(folder);
 }
@@ -226,7 +231,9 @@ int stream(const Common& common, const std::string& what, std::string port, int 
   for (const auto& program : programs) {
     texts.push_back(read_whole(program));
     if (!ends_itself(texts.back())) {
-      throw InputError(program.string() + ": the last line is no M2 or M30, the file is cut short or its end is missing; copy it again or add the M30");
+      throw InputError(
+          program.string() +
+          ": the last line is no M2 or M30, the file is cut short or its end is missing; copy it again or add the M30");
     }
   }
   const auto connection = open_serial(port, baud == 0 ? 115200 : baud);

@@ -1,6 +1,6 @@
-#include <filesystem>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <new>
 #include <string>
 

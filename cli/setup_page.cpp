@@ -111,12 +111,15 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
   for (const std::string& item :
        {"Blank measured: " + size + ", sides and height 0 to +0.3 mm; underside flat and clean",
         std::string("Work holding leaves all four sides free down to the table: cutters enter beside the part"),
-        std::string("Tools in places 1 to 3 of the table above, lengths measured and equal to 0.02 mm; finishing run-out below 5 &micro;m"),
-        offset + " entered as above; " + std::string(1, machine.outer.letter) + " and " + std::string(1, machine.inner.letter) + " homed",
+        std::string("Tools in places 1 to 3 of the table above, lengths measured and equal to 0.02 mm; finishing "
+                    "run-out below 5 &micro;m"),
+        offset + " entered as above; " + std::string(1, machine.outer.letter) + " and " +
+            std::string(1, machine.inner.letter) + " homed",
         std::string("Air on; no alcohol-based cleaner near PMMA"),
         std::string("Digest of the files on the controller or sender equals the one above (sha256sum)"),
         std::string("First program above the part in single block, feed override low"),
-        "Programs in the order 10, 20, 30; stream with: <code>lightmill stream " + escaped(folder.root().string()) + " --port /dev/ttyUSB0</code>",
+        "Programs in the order 10, 20, 30; stream with: <code>lightmill stream " + escaped(folder.root().string()) +
+            " --port /dev/ttyUSB0</code>",
         std::string("After finishing: polish by hand along the passes, stop as soon as the picture is sharp")}) {
     html += "<li>" + item + "</li>\n";
   }

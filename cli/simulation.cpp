@@ -179,7 +179,8 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
     fault.kind = "no_program_end";
     fault.program = programs[i].filename().string();
     fault.line = program_lines(texts[i]).back().number;
-    fault.message = "the last line is no M2 or M30: the file is cut short, or its end is missing; write or copy it again";
+    fault.message =
+        "the last line is no M2 or M30: the file is cut short, or its end is missing; write or copy it again";
     outcome.faults.push_back(fault);
   }
   const auto started = std::chrono::steady_clock::now();

@@ -35,8 +35,9 @@ struct RawImage {
   std::vector<float> pixels;
 };
 
-/// What is wrong with a PNG as a file, "" if nothing: it is cut short or a chunk's checksum is off. libpng would say so on
-/// stderr by itself, beside the one line that we owe the user. Other formats pass. [PNG specification, sec. 5.3, annex D]
+/// What is wrong with a PNG as a file, "" if nothing: it is cut short or a chunk's checksum is off. libpng would say so
+/// on stderr by itself, beside the one line that we owe the user. Other formats pass. [PNG specification, sec. 5.3,
+/// annex D]
 std::string png_damage(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);
   const std::string bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
@@ -52,7 +53,9 @@ std::string png_damage(const fs::path& path) {
     return entries;
   }();
   const auto byte = [&](std::size_t at) { return static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[at])); };
-  const auto word = [&](std::size_t at) { return byte(at) << 24 | byte(at + 1) << 16 | byte(at + 2) << 8 | byte(at + 3); };
+  const auto word = [&](std::size_t at) {
+    return byte(at) << 24 | byte(at + 1) << 16 | byte(at + 2) << 8 | byte(at + 3);
+  };
   for (std::size_t at = kSignature.size(); at + 12 <= bytes.size();) {
     const std::size_t length = word(at);
     if (length > bytes.size() - at - 12) break;

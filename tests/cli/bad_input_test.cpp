@@ -116,11 +116,13 @@ TEST(BadInput, AProgramThatIsCutShortIsNotSent) {
   const ScratchFolder scratch;
   for (const char* text : {"", "G21\nG0 X1\n", "G21\nM3 S1000 (M30)\n", "G21\nM300\n"}) {
     spill(scratch / "cut.nc", text);
-    expect_one_line(lightmill_command({"stream", (scratch / "cut.nc").string(), "--port", "/dev/ttyNotThere"}), 2, {"cut.nc", "cut short"});
+    expect_one_line(lightmill_command({"stream", (scratch / "cut.nc").string(), "--port", "/dev/ttyNotThere"}), 2,
+                    {"cut.nc", "cut short"});
   }
   for (const char* text : {"G21\nM30\n%\n", "G21\nN20 m02 ; end", "G21\nM5 M9 M30 (done)"}) {
     spill(scratch / "whole.nc", text);
-    expect_one_line(lightmill_command({"stream", (scratch / "whole.nc").string(), "--port", "/dev/ttyNotThere"}), 3, {"/dev/ttyNotThere"});
+    expect_one_line(lightmill_command({"stream", (scratch / "whole.nc").string(), "--port", "/dev/ttyNotThere"}), 3,
+                    {"/dev/ttyNotThere"});
   }
 }
 

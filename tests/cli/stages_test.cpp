@@ -291,11 +291,15 @@ TEST(Chain, AnyProgramCanBeDryRun) {
 
   // A file that lost its tail is told from a whole one.
   spill(scratch / "tail.nc", "G21 G90 G94 G17 G54\nG53 G0 Z0\nG53 G0 X1");
-  const CommandResult tail = lightmill_command({"dry-run", (scratch / "tail.nc").string(), "--blank", "12x10x5", "-o", (scratch / "out").string()});
+  const CommandResult tail = lightmill_command(
+      {"dry-run", (scratch / "tail.nc").string(), "--blank", "12x10x5", "-o", (scratch / "out").string()});
   EXPECT_EQ(tail.code, 5) << tail.err;
   EXPECT_THAT(tail.err, HasSubstr("no_program_end"));
   spill(scratch / "nothing.nc", "\n");
-  EXPECT_EQ(lightmill_command({"dry-run", (scratch / "nothing.nc").string(), "--blank", "12x10x5", "-o", (scratch / "out").string()}).code, 2);
+  EXPECT_EQ(lightmill_command(
+                {"dry-run", (scratch / "nothing.nc").string(), "--blank", "12x10x5", "-o", (scratch / "out").string()})
+                .code,
+            2);
 }
 
 }  // namespace
