@@ -291,6 +291,35 @@ TEST(Transport, SaysWhatIsWrong) {
   }
 }
 
+TEST(PowerDiagram, AtEveryVertexThreeCellsAreHighestAlsoNearDegeneracy) {
+  // A grid is cocircular everywhere; noise at the level of rounding leaves it to the exact predicates.
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> at(-1, 1);
+  for (const double noise : {0.0, 1e-16, 1e-14, 1e-12, 1e-3, 0.3}) {
+    std::vector<Vec2> sites;
+    std::vector<double> psi;
+    for (int i = 0; i < 20 * 15; ++i) {
+      sites.emplace_back(0.3 * (i % 20) - 3, 0.41 * (i / 20) - 2);
+      psi.push_back(sites.back().squaredNorm() / 2 + noise * at(random));
+    }
+    const auto diagram = detail::PowerDiagramBuilder(sites, 8).build(psi);
+    int inside = 0;
+    for (const auto& edge : diagram.edges) {
+      if (edge.a >= 300 || edge.b >= 300) continue;
+      for (const int end : {edge.from, edge.to}) {
+        const Vec2& x = diagram.vertices[end];
+        if (x.norm() > 8) continue;
+        ++inside;
+        double highest = -1e300;
+        for (std::size_t i = 0; i < sites.size(); ++i) highest = std::max(highest, x.dot(sites[i]) - psi[i]);
+        EXPECT_NEAR(x.dot(sites[edge.a]) - psi[edge.a], highest, 1e-10) << "seed 7, noise " << noise;
+        EXPECT_NEAR(x.dot(sites[edge.b]) - psi[edge.b], highest, 1e-10) << "seed 7, noise " << noise;
+      }
+    }
+    EXPECT_GT(inside, 200) << noise;
+  }
+}
+
 TEST(CellIntegrals, AreWhatSamplingFinds) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> at(-3, 3);
