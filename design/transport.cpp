@@ -117,6 +117,7 @@ class Level {
         next = evaluate(plus(corrected, measure_.radius - from, tangent));
         if (next.l1_error < kNarrowingError || factor > kLeastNarrowing) break;
       }
+      if (!(next.l1_error < kNarrowingError)) next = better(std::move(next), now.psi);
       const bool last = measure_.radius == radius;
       now = solve_from(std::move(next), last ? l1 : kCoarseTolerance, last ? most : kCoarseTolerance,
                        monitor.part(done(from), done(measure_.radius)));
@@ -124,15 +125,25 @@ class Level {
     }
     return now;
   }
-  /// The potential that `now` leads to at another radius, to first order.
+  /// The potential that `now` leads to at another radius, to first order; strips and disks have that radius from then
+  /// on.
   Potential extrapolated(const Evaluation& now, double radius) {
     if (now.empty > 0) return now.psi;
     const auto [corrected, tangent] = predict(now);
-    return plus(corrected, radius - measure_.radius, tangent);
+    const Potential predicted = plus(corrected, radius - measure_.radius, tangent);
+    measure_.radius = radius;
+    return better(evaluate(predicted), now.psi).psi;
   }
   [[nodiscard]] int evaluations() const { return evaluations_; }
 
  private:
+  /// The prediction, or the potential that it came from if that is better: where no cell bridges two parts of the
+  /// target, the second derivative is all but singular and a step along it may lead anywhere.
+  Evaluation better(Evaluation predicted, const Potential& unmoved) {
+    Evaluation still = evaluate(unmoved);
+    return predicted.l1_error <= still.l1_error ? std::move(predicted) : std::move(still);
+  }
+
   Evaluation evaluate(Potential psi) {
     ++evaluations_;
     Evaluation e;

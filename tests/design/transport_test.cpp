@@ -184,6 +184,15 @@ TEST(Transport, TwoPointsAreSplitByTheLineThatHalvesTheirFlux) {
   }
 }
 
+TEST(Transport, PointsConvergeWhereNoCellBridgesThemOnTheWay) {
+  // The second derivative falls into two blocks between the levels; a step along it once threw every cell away.
+  TargetLight target;
+  target.extent = Box2::centred({100, 100});
+  target.points = {{{-20, 5}, 0.3}, {{25, -10}, 0.7}};
+  const TransportMap map = solve_transport(SourceLight{}, target, samples(16384));
+  expect_sound(map, samples(16384));
+}
+
 TEST(Transport, OnePointGetsEverything) {
   SourceLight source;
   source.size_mm = {100, 70};
