@@ -7,13 +7,15 @@
 #include <random>
 
 #include "design/core/errors.h"
+#include <unistd.h>
+
 #include "design/core/files.h"
 
 namespace lightmill {
 namespace {
 
 std::filesystem::path file(const std::string& name) {
-  return std::filesystem::path(::testing::TempDir()) / name;
+  return std::filesystem::path(::testing::TempDir()) / (std::to_string(::getpid()) + "_" + name);
 }
 
 std::vector<ToolPath> some_passes() {
