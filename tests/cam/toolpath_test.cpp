@@ -1,14 +1,13 @@
 #include "cam/toolpath.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
 #include <random>
 
 #include "design/core/errors.h"
-#include <unistd.h>
-
 #include "design/core/files.h"
 
 namespace lightmill {
