@@ -165,7 +165,7 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
 INSTANTIATE_TEST_SUITE_P(Surfaces, Roughing,
                          ::testing::Values(Case{"hills", hills, 0.3}, Case{"bowl", bowl, 0.0}, Case{"dome", dome, 2.5},
                                            Case{"slope", slope, 0.3}),
-                         [](const auto& info) { return std::string(info.param.name); });
+                         [](const auto& test) { return std::string(test.param.name); });
 
 TEST(RoughingEntry, TheFirstCutOfALevelTakesNoMoreThanTheStepover) {
   const auto s = spline_of(Box2::centred({40, 30}), 20, 20, [](double, double) { return 10; });
