@@ -20,12 +20,6 @@ using nlohmann::json;
 
 namespace {
 
-json to_json(const Fault& fault) {
-  return {{"kind", fault.kind},       {"program", fault.program},
-          {"line", fault.line},       {"message", fault.message},
-          {"amount_mm", fault.amount_mm}, {"place_mm", {fault.place_mm.x(), fault.place_mm.y(), fault.place_mm.z()}}};
-}
-
 /// The programs in the order of their names, and a fault for each that is not what the post wrote.
 std::vector<fs::path> programs_of(const RunFolder& folder, std::vector<Fault>& faults) {
   std::vector<fs::path> programs;

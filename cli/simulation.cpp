@@ -20,13 +20,13 @@ namespace lightmill {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-namespace {
-
 json to_json(const Fault& fault) {
   return {{"kind", fault.kind},       {"program", fault.program},
           {"line", fault.line},       {"message", fault.message},
           {"amount_mm", fault.amount_mm}, {"place_mm", {fault.place_mm.x(), fault.place_mm.y(), fault.place_mm.z()}}};
 }
+
+namespace {
 
 Fault fault_from(const json& j) {
   Fault fault;

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -56,5 +57,8 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
 
 /// "done", "controller error", ...
 std::string stream_end_name(StreamEnd end);
+
+/// A fault as result.json and faults.json hold it.
+nlohmann::json to_json(const Fault& fault);
 
 }  // namespace lightmill
