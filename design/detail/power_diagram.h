@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "design/core/geometry.h"
+#include "design/detail/regular_triangulation.h"
 
 namespace lightmill::detail {
 
@@ -30,15 +31,15 @@ struct PowerDiagram {
 class PowerDiagramBuilder {
  public:
   /// `reach`: no point of interest x is farther than this from the origin.
-  PowerDiagramBuilder(std::vector<Vec2> sites, double reach);
+  PowerDiagramBuilder(const std::vector<Vec2>& sites, double reach);
 
-  [[nodiscard]] PowerDiagram build(const std::vector<double>& psi) const;
-  [[nodiscard]] const std::vector<Vec2>& sites() const { return sites_; }
+  /// Quick when psi differs little from the last one.
+  [[nodiscard]] PowerDiagram build(const std::vector<double>& psi);
 
  private:
-  std::vector<Vec2> sites_;
-  std::vector<Vec2> ghosts_;        // far away; they bound every real cell and never reach a point of interest
-  std::vector<std::size_t> order_;  // along a space-filling curve, found once
+  int sites_;
+  RegularTriangulation triangulation_;  // of the sites and, last, ghosts far away: they bound every real cell and never
+                                        // reach a point of interest
 };
 
 }  // namespace lightmill::detail

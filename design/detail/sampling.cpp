@@ -49,7 +49,7 @@ Sampling sample_disk(double radius, int count, const Monitor& monitor) {
   disk.radius = radius;
   for (int iteration = 0;; ++iteration) {
     monitor.check();
-    const PowerDiagramBuilder builder(sampling.sites, radius);
+    PowerDiagramBuilder builder(sampling.sites, radius);
     std::vector<double> psi(count);
     for (int i = 0; i < count; ++i) psi[i] = sampling.sites[i].squaredNorm() / 2;
     const PowerDiagram diagram = builder.build(psi);

@@ -329,6 +329,48 @@ TEST(PowerDiagram, AtEveryVertexThreeCellsAreHighestAlsoNearDegeneracy) {
   }
 }
 
+/// Areas of the cells within a square.
+std::vector<double> areas_of(detail::PowerDiagramBuilder& builder, const std::vector<Vec2>& sites,
+                             const std::vector<double>& psi) {
+  detail::TargetMeasure square;
+  square.pixels = detail::PixelDensity(Grid<double>(1, 1, 64.0), Box2{{-4, -4}, {4, 4}});
+  std::vector<int> starts;
+  return detail::integrate_cells(square, builder.build(psi), sites, psi, starts).masses;
+}
+
+TEST(PowerDiagram, RepairedByFlipsIsTheOneBuiltAnew) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> at(-1, 1);
+  for (const bool grid : {true, false}) {
+    std::vector<Vec2> sites;
+    for (int i = 0; i < 20 * 20; ++i) {
+      sites.emplace_back(grid ? Vec2(0.25 * (i % 20) - 2.5, 0.25 * (i / 20) - 2) : Vec2(3 * at(random), 3 * at(random)));
+    }
+    std::vector<double> psi;
+    for (const Vec2& s : sites) psi.push_back(s.squaredNorm() / 2);
+    detail::PowerDiagramBuilder repaired(sites, 8);
+    int hidden = 0;
+    // From nothing hidden to nearly everything and back, in small steps and in leaps; multiples of 1/64 bring ties.
+    for (const double size : {0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 1e-1, 3.0, 1e-2, 0.0, 1e-3}) {
+      for (std::size_t i = 0; i < sites.size(); ++i) {
+        const double noise = size * at(random);
+        psi[i] = sites[i].squaredNorm() / 2 + (i % 3 == 0 ? std::round(64 * noise) / 64 : noise);
+      }
+      detail::PowerDiagramBuilder anew(sites, 8);
+      const auto expected = areas_of(anew, sites, psi);
+      const auto areas = areas_of(repaired, sites, psi);
+      double total = 0;
+      for (std::size_t i = 0; i < sites.size(); ++i) {
+        EXPECT_NEAR(areas[i], expected[i], 1e-11) << "seed 11, size " << size << ", site " << i;
+        total += areas[i];
+        hidden += areas[i] == 0;
+      }
+      EXPECT_NEAR(total, 64, 1e-10) << "seed 11, size " << size;
+    }
+    EXPECT_GT(hidden, 400);
+  }
+}
+
 TEST(CellIntegrals, AreWhatSamplingFinds) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> at(-3, 3);
@@ -351,7 +393,7 @@ TEST(CellIntegrals, AreWhatSamplingFinds) {
     const detail::Disk disk{{at(random) / 2, at(random) / 2}, 2.2};
     measure.strips = {strip};
     measure.disks = {disk};
-    const detail::PowerDiagramBuilder builder(sites, 8);
+    detail::PowerDiagramBuilder builder(sites, 8);
     const auto diagram = builder.build(psi);
     std::vector<int> starts;
     const auto cells = detail::integrate_cells(measure, diagram, sites, psi, starts);
