@@ -115,6 +115,9 @@ StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor
   StageResult result;
   result.report["design"]["transport"] = {{"samples", s.samples},
                                           {"seconds", s.seconds},
+                                          {"seconds_diagrams", s.phases.diagrams},
+                                          {"seconds_integrals", s.phases.integrals},
+                                          {"seconds_equations", s.phases.equations},
                                           {"iterations", s.iterations},
                                           {"levels", s.levels},
                                           {"l1_mass_error", s.l1_mass_error},

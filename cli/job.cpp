@@ -115,6 +115,7 @@ void read_receiver(TomlTable table, Job& job) {
 
 void read_transport(TomlTable table, Job& job) {
   TransportOptions& o = job.transport;
+  o.solver = table.choice("solver", "newton", {"newton", "lbfgs"}) == "lbfgs" ? TransportSolver::kLbfgs : TransportSolver::kNewton;
   o.samples = table.integer_in("samples", o.samples, 16, 16'000'000);
   o.l1_tolerance = table.number_in("l1_tolerance", o.l1_tolerance, 1e-12, 1);
   o.max_tolerance = table.number_in("max_tolerance", o.max_tolerance, 1e-12, 10);
@@ -383,6 +384,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                              .put("distance_mm", job.receiver.distance_mm)
                              .put("viewed_from", job.receiver.viewed_from == ViewedFrom::kLens ? "lens" : "behind");
   sections["transport"] = Section()
+                              .put("solver", job.transport.solver == TransportSolver::kLbfgs ? "lbfgs" : "newton")
                               .put("samples", job.transport.samples)
                               .put("l1_tolerance", job.transport.l1_tolerance)
                               .put("max_tolerance", job.transport.max_tolerance)

@@ -7,6 +7,7 @@
 #include <limits>
 #include <numeric>
 #include <optional>
+#include <utility>
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
@@ -48,6 +49,18 @@ double dot(const Potential& a, const Potential& b) {
   return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
 }
 
+class Stopwatch {
+ public:
+  /// Seconds since the last call, or since the start.
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    return std::chrono::duration<double>(now - std::exchange(last_, now)).count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
 Potential plus(const Potential& a, double t, const Potential& d) {
   Potential result(a.size());
   for (std::size_t i = 0; i < a.size(); ++i) result[i] = a[i] + t * d[i];
@@ -80,22 +93,24 @@ class Level {
       : sampling_(sampling),
         measure_(std::move(measure)),
         options_(options),
-        builder_(sampling.sites, reach),
-        metric_(static_cast<int>(sampling.sites.size()), sampling.edges) {}
+        builder_(sampling.sites, reach) {}
 
   /// Improves psi until the errors are below `l1` and `most` and no cell is empty; returns the best it found otherwise.
   Evaluation solve(Potential psi, double l1, double most, const Monitor& monitor) {
     return solve_from(evaluate(std::move(psi)), l1, most, monitor);
   }
   Evaluation solve_from(Evaluation now, double l1, double most, const Monitor& monitor) {
-    budget_ = evaluations_ + options_.max_iterations;
+    const bool reference = options_.solver == TransportSolver::kLbfgs;
+    constexpr int kSlower = 20;  // evaluations of plain L-BFGS for one
+    budget_ = evaluations_ + options_.max_iterations * (reference ? kSlower : 1);
     const auto done = [&] { return now.empty == 0 && now.l1_error <= l1 && now.max_error <= most; };
-    double newton_from = kNewtonFrom;
+    double newton_from = reference ? 0 : kNewtonFrom;
     while (!done() && evaluations_ < budget_) {
       // The descent's first steps, without memory, only spoil what prediction or prolongation brought near.
       const bool near = now.empty == 0 && now.l1_error < newton_from;
       if (!near) descend(now, newton_from, done, monitor);
       if (done()) break;
+      if (reference) return now;
       if (!newton(now, done, monitor)) newton_from = std::min(newton_from, now.l1_error) / 2;
     }
     return now;
@@ -135,6 +150,7 @@ class Level {
     return better(evaluate(predicted), now.psi).psi;
   }
   [[nodiscard]] int evaluations() const { return evaluations_; }
+  [[nodiscard]] const TransportPhases& phases() const { return phases_; }
 
  private:
   /// The prediction, or the potential that it came from if that is better: where no cell bridges two parts of the
@@ -147,8 +163,11 @@ class Level {
   Evaluation evaluate(Potential psi) {
     ++evaluations_;
     Evaluation e;
+    Stopwatch watch;
     e.diagram = builder_.build(psi);
+    phases_.diagrams += watch.lap();
     e.cells = integrate_cells(measure_, e.diagram, sampling_.sites, psi, starts_);
+    phases_.integrals += watch.lap();
     const std::size_t n = psi.size();
     e.gradient.resize(n);
     e.min_share = std::numeric_limits<double>::infinity();
@@ -164,6 +183,16 @@ class Level {
     }
     e.psi = std::move(psi);
     return e;
+  }
+
+  /// A gradient as a step: by the source's Laplacian, or as it is [paper sec. 4].
+  Potential in_metric(Potential gradient) {
+    if (options_.solver == TransportSolver::kLbfgs) return gradient;
+    Stopwatch watch;
+    if (!metric_) metric_.emplace(sampling_.sites, sampling_.edges);
+    gradient = metric_->solve(gradient);
+    phases_.equations += watch.lap();
+    return gradient;
   }
 
   /// L-BFGS with the source's Laplacian as metric and Armijo's rule: works with empty cells, and fills them.
@@ -186,7 +215,7 @@ class Level {
         alpha[k] = dot(memory[k].step, d) / memory[k].curvature;
         for (std::size_t i = 0; i < d.size(); ++i) d[i] -= alpha[k] * memory[k].change[i];
       }
-      d = metric_.solve(d);
+      d = in_metric(std::move(d));
       for (double& x : d) x *= gamma;
       for (std::size_t k = 0; k < memory.size(); ++k) {
         const double beta = dot(memory[k].change, d) / memory[k].curvature;
@@ -223,7 +252,7 @@ class Level {
       pair.change = plus(next->gradient, -1, now.gradient);
       pair.curvature = dot(pair.step, pair.change);
       if (pair.curvature > 0) {
-        const Potential weighted = metric_.solve(pair.change);
+        const Potential weighted = in_metric(pair.change);
         gamma = pair.curvature / dot(pair.change, weighted);
         memory.push_back(std::move(pair));
         if (memory.size() > kMemory) memory.pop_front();
@@ -251,11 +280,13 @@ class Level {
       total += slope;
     }
     // A trace of the metric joins parts of the target that no cell bridges.
+    const std::vector<int> part = detail::connected_components(static_cast<int>(e.psi.size()), edges);
     double metric_total = 0;
     for (const auto& edge : sampling_.edges) metric_total += edge.weight;
-    for (const auto& edge : sampling_.edges)
-      edges.push_back({edge.a, edge.b, kJoin * total / metric_total * edge.weight});
-    return {static_cast<int>(e.psi.size()), edges};
+    for (const auto& edge : sampling_.edges) {
+      if (part[edge.a] != part[edge.b]) edges.push_back({edge.a, edge.b, kJoin * total / metric_total * edge.weight});
+    }
+    return {sampling_.sites, edges};
   }
 
   struct Prediction {
@@ -287,7 +318,9 @@ class Level {
     while (!done() && evaluations_ < budget_) {
       monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
                      progress(now));
+      Stopwatch watch;
       const Potential step = hessian(now).solve(now.gradient);
+      phases_.equations += watch.lap();
       const double norm = std::sqrt(dot(now.gradient, now.gradient));
       double alpha = 1;
       for (;;) {
@@ -307,9 +340,10 @@ class Level {
   TargetMeasure measure_;
   const TransportOptions& options_;
   PowerDiagramBuilder builder_;
-  Laplacian metric_;
+  std::optional<Laplacian> metric_;  // made when it is first needed
   std::vector<int> starts_;
   int evaluations_ = 0;
+  TransportPhases phases_;
   int budget_ = 0;  // of evaluations, for the solve that is running
 };
 
@@ -456,6 +490,7 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
       psi = solver.extrapolated(*result, start_radius(samplings[level - 1]));
     }
     map.summary.iterations += solver.evaluations();
+    map.summary.phases += solver.phases();
     ++map.summary.levels;
   }
 

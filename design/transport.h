@@ -18,7 +18,12 @@ struct SourceLight {
   Vec2 size_mm{100, 100};  ///< of the rectangle, or the disk's diameter twice; centred on the receiver's origin
 };
 
+/// kNewton: L-BFGS in the metric of the source's Laplacian until no cell is empty, then damped Newton.
+/// kLbfgs: the paper's own, L-BFGS alone, for comparison; many times slower.
+enum class TransportSolver { kNewton, kLbfgs };
+
 struct TransportOptions {
+  TransportSolver solver = TransportSolver::kNewton;
   int samples = 65536;          ///< sites of the power diagram (rounded to what the sampling needs)
   double l1_tolerance = 1e-4;   ///< stop when sum_i |mu_T(C_i) - mu_S(C_i)| is below, and
   double max_tolerance = 1e-2;  ///< max_i |mu_T(C_i) - mu_S(C_i)| / mu_S(C_i) is below
@@ -27,11 +32,25 @@ struct TransportOptions {
   std::uint64_t seed = 1;
 };
 
+/// Where the time went, all levels together; what is missing is vectors and sampling.
+struct TransportPhases {
+  double diagrams = 0;   ///< seconds for power diagrams
+  double integrals = 0;  ///< seconds for masses, moments and second derivatives
+  double equations = 0;  ///< seconds for factorising and solving linear systems
+  TransportPhases& operator+=(const TransportPhases& other) {
+    diagrams += other.diagrams;
+    integrals += other.integrals;
+    equations += other.equations;
+    return *this;
+  }
+};
+
 struct TransportSummary {
   int samples = 0;
   int iterations = 0;           ///< evaluations of the dual, all levels
   int levels = 0;
   double seconds = 0;
+  TransportPhases phases;
   double l1_mass_error = 0;     ///< DESIGN.md, "Measures"
   double max_mass_error = 0;
   int empty_cells = 0;

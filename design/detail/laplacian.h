@@ -4,6 +4,8 @@
 #include <memory>
 #include <vector>
 
+#include "design/core/geometry.h"
+
 namespace lightmill::detail {
 
 /// A weighted edge between nodes a and b.
@@ -13,11 +15,12 @@ struct GraphEdge {
   double weight;
 };
 
-/// Factorised Laplacian (L x)_i = sum_j weight_ij (x_i - x_j) of a graph; constants are its kernel.
+/// Factorised Laplacian (L x)_i = sum_j weight_ij (x_i - x_j) of a graph in the plane; constants are its kernel.
 class Laplacian {
  public:
-  /// Factorises. `nodes` >= 2. Throws NumericalError if the graph is not connected.
-  Laplacian(int nodes, const std::vector<GraphEdge>& edges);
+  /// Factorises. At least two nodes; the places need only be such that edges are short: the order of elimination is a nested
+  /// dissection of the plane [George 1973]. Throws NumericalError if the graph is not connected.
+  Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges);
   ~Laplacian();
   Laplacian(Laplacian&&) noexcept;
   Laplacian& operator=(Laplacian&&) noexcept;
@@ -29,5 +32,8 @@ class Laplacian {
   struct Factor;
   std::unique_ptr<Factor> factor_;
 };
+
+/// The connected component of every node, as the smallest node of it.
+std::vector<int> connected_components(int nodes, const std::vector<GraphEdge>& edges);
 
 }  // namespace lightmill::detail

@@ -411,16 +411,18 @@ CellIntegrals integrate_cells(const TargetMeasure& measure, const PowerDiagram& 
         integrals[e] = measure.pixels.along(diagram.vertices[edge.from], diagram.vertices[edge.to]);
       }
     });
+    parallel_blocks(n, kEdgeBlock, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        for (std::size_t k = diagram.first_edge[i]; k < diagram.first_edge[i + 1]; ++k) {
+          const int e = diagram.incident_edges[k];
+          const double sign = diagram.edges[e].a == static_cast<int>(i) ? 1 : -1;
+          cells.masses[i] += sign * integrals[e].mass;
+          cells.moments[i] += sign * integrals[e].moment;
+        }
+      }
+    });
     for (std::size_t e = 0; e < diagram.edges.size(); ++e) {
       const auto& edge = diagram.edges[e];
-      if (edge.a < n) {
-        cells.masses[edge.a] += integrals[e].mass;
-        cells.moments[edge.a] += integrals[e].moment;
-      }
-      if (edge.b < n) {
-        cells.masses[edge.b] -= integrals[e].mass;
-        cells.moments[edge.b] -= integrals[e].moment;
-      }
       if (edge.a < n && edge.b < n) cells.edge_slopes[e] = integrals[e].line;
     }
   }
