@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "design/core/errors.h"
+#include "design/core/text.h"
 #include "design/core/toml_table.h"
 
 namespace lightmill {
@@ -42,11 +43,13 @@ LinearAxis read_linear(TomlTable table) {
   if (axis.min_mm >= axis.max_mm) refuse(table, "max_mm", "must be greater than min_mm");
   axis.max_speed_mm_per_s = positive(table, "max_speed_mm_per_min") / 60;
   axis.acceleration_mm_per_s2 = positive(table, "acceleration_mm_per_s2");
+  axis.jerk_mm_per_s3 = table.number_in("jerk_mm_per_s3", 0, 0, 1e9);
   return axis;
 }
 
-RotaryAxis read_rotary(TomlTable table, std::string_view default_letter) {
+RotaryAxis read_rotary(TomlTable table, std::string_view default_letter, bool on_head) {
   RotaryAxis axis;
+  axis.on_head = on_head;
   axis.letter = table.choice("letter", default_letter, {"A", "B", "C"}).front();
   axis.axis = required_vector(table, "axis");
   if (axis.axis.norm() < 1e-9) refuse(table, "axis", "must be a direction, not zero");
@@ -54,7 +57,8 @@ RotaryAxis read_rotary(TomlTable table, std::string_view default_letter) {
   axis.point_mm = required_vector(table, "point_mm");
   axis.direction = required(table, "direction");
   if (std::abs(axis.direction) != 1) {
-    refuse(table, "direction", "must be -1 (ISO 841: the letter names the tool's turn) or 1 (the table's turn)");
+    refuse(table, "direction", on_head ? "must be 1 (ISO 841: the letter names the tool's turn) or -1 (against it)"
+                                       : "must be -1 (ISO 841: the letter names the tool's turn) or 1 (the table's turn)");
   }
   if (table.has("min_deg") != table.has("max_deg")) {
     refuse(table, table.has("min_deg") ? "min_deg" : "max_deg",
@@ -69,11 +73,55 @@ RotaryAxis read_rotary(TomlTable table, std::string_view default_letter) {
   }
   axis.max_speed_rad_per_s = positive(table, "max_speed_deg_per_min") / 60 * kRadPerDeg;
   axis.acceleration_rad_per_s2 = positive(table, "acceleration_deg_per_s2") * kRadPerDeg;
+  axis.jerk_rad_per_s3 = table.number_in("jerk_deg_per_s3", 0, 0, 1e9) * kRadPerDeg;
   return axis;
 }
 
 bool within(const LinearAxis& axis, double value) {
   return value >= axis.min_mm && value <= axis.max_mm;
+}
+
+// An axis that lies farther from what it turns than the machine is large was measured in another frame, or mistyped.
+void check_pivot(TomlTable& table, const MachineModel& machine, const RotaryAxis& axis) {
+  const Vec3 travel(machine.x.max_mm - machine.x.min_mm, machine.y.max_mm - machine.y.min_mm,
+                    machine.z.max_mm - machine.z.min_mm);
+  const Vec3 from = axis.on_head ? Vec3(Vec3::Zero()) : machine.table_centre_mm;
+  const double off = axis.axis.cross(axis.point_mm - from).norm();
+  const double most = travel.norm() + (axis.on_head ? machine.max_tool_length_mm : machine.table_radius_mm);
+  if (off > most) {
+    refuse(table, "point_mm", "is an impossible pivot: the axis passes " + compact(off, 3) + " mm from the " +
+                                  (axis.on_head ? "spindle" : "table's centre") + ", more than the machine's size of " +
+                                  compact(most, 3) + " mm; give a point on the axis " +
+                                  (axis.on_head ? "from the spindle's gauge point" : "in machine coordinates"));
+  }
+}
+
+void read_rotary_axes(TomlTable& file, MachineModel& machine) {
+  const std::string chain = file.choice("chain", "table_table", {"table_table", "head_table", "head_head", "three_axis"});
+  machine.simultaneous = file.boolean("simultaneous", true);
+  if (chain == "three_axis") {
+    if (file.has("outer") || file.has("inner")) {
+      refuse(file, file.has("outer") ? "outer" : "inner", "has no place on a machine with chain = \"three_axis\"");
+    }
+    machine.chain = Chain::kThreeAxis;
+    return;
+  }
+  machine.chain = chain == "table_table" ? Chain::kTableTable
+                  : chain == "head_table" ? Chain::kHeadTable
+                                          : Chain::kHeadHead;
+  TomlTable outer = file.table("outer");
+  TomlTable inner = file.table("inner");
+  machine.outer = read_rotary(outer, "B", machine.chain != Chain::kTableTable);
+  machine.inner = read_rotary(inner, "C", machine.chain == Chain::kHeadHead);
+  if (machine.outer.letter == machine.inner.letter) refuse(inner, "letter", "must differ from outer.letter");
+  if (machine.outer.axis.cross(machine.inner.axis).norm() < kLeastAxisSine) {
+    refuse(inner, "axis", "must not be parallel to outer.axis: two parallel rotary axes cannot tilt the work");
+  }
+  if (machine.outer.axis.cross(Vec3::UnitZ()).norm() < kLeastAxisSine) {
+    refuse(outer, "axis", "must not be parallel to the spindle (Z): it could not tilt the work");
+  }
+  check_pivot(outer, machine, machine.outer);
+  check_pivot(inner, machine, machine.inner);
 }
 
 }  // namespace
@@ -100,17 +148,13 @@ MachineModel read_machine(const std::filesystem::path& path) {
     refuse(file, "tool_change_mm", "must lie within the travels of x, y and z");
   }
 
-  TomlTable outer = file.table("outer");
-  TomlTable inner = file.table("inner");
-  machine.outer = read_rotary(outer, "B");
-  machine.inner = read_rotary(inner, "C");
-  if (machine.outer.letter == machine.inner.letter) refuse(inner, "letter", "must differ from outer.letter");
-  if (machine.outer.axis.cross(machine.inner.axis).norm() < kLeastAxisSine) {
-    refuse(inner, "axis", "must not be parallel to outer.axis: two parallel rotary axes cannot tilt the work");
+  if (file.has("park_mm")) {
+    machine.park_mm = file.vector2("park_mm", Vec2::Zero());
+    if (!within(machine.x, machine.park_mm->x()) || !within(machine.y, machine.park_mm->y())) {
+      refuse(file, "park_mm", "must lie within the travels of x and y");
+    }
   }
-  if (machine.outer.axis.cross(Vec3::UnitZ()).norm() < kLeastAxisSine) {
-    refuse(outer, "axis", "must not be parallel to the spindle (Z): it could not tilt the work");
-  }
+  read_rotary_axes(file, machine);
 
   TomlTable spindle = file.table("spindle");
   machine.min_spindle_rpm = positive(spindle, "min_rpm");
@@ -118,10 +162,17 @@ MachineModel read_machine(const std::filesystem::path& path) {
   if (machine.min_spindle_rpm > machine.max_spindle_rpm) refuse(spindle, "max_rpm", "must not be less than min_rpm");
 
   TomlTable controller = file.table("controller");
-  machine.controller = controller.choice("kind", "grblhal", {"grblhal"});
+  machine.controller = controller.choice(
+      "kind", "grblhal", {"grblhal", "linuxcnc", "heidenhain", "heidenhain_iso", "fanuc", "siemens"});
+  machine.has_tcp = controller.boolean("tcp", false);
+  if (machine.has_tcp && machine.controller == "grblhal") {
+    refuse(controller, "tcp", "must be false: grblHAL has no tool-centre-point control");
+  }
+  if (machine.has_tcp && !machine.has_rotary()) refuse(controller, "tcp", "must be false on three axes");
   machine.receive_buffer_bytes = controller.integer_in("receive_buffer_bytes", 1024, 128, 1 << 20);
   machine.planner_blocks = controller.integer_in("planner_blocks", 100, 1, 100000);
   machine.min_block_s = controller.number_in("min_block_ms", 0, 0, 1000) / 1000;
+  machine.max_program_bytes = static_cast<std::size_t>(controller.number_in("max_program_kb", 0, 0, 1e9) * 1000);
   file.finish();
   return machine;
 }
