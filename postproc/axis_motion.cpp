@@ -92,6 +92,7 @@ struct Job {
     return detail::joints_at(machine, setup, length(), tip_mm, tilt);
   }
   [[nodiscard]] double rotary_seconds(double outer_rad, double inner_rad) const {
+    if (!machine.has_rotary()) return 0;
     return std::max(std::abs(outer_rad) / machine.outer.max_speed_rad_per_s,
                     std::abs(inner_rad) / machine.inner.max_speed_rad_per_s);
   }
@@ -189,11 +190,16 @@ class Writer {
     const double axes_s =
         std::max({std::abs(joints.x_mm - at_.x_mm) / m.x.max_speed_mm_per_s,
                   std::abs(joints.y_mm - at_.y_mm) / m.y.max_speed_mm_per_s,
-                  std::abs(joints.z_mm - at_.z_mm) / m.z.max_speed_mm_per_s, turn_outer / m.outer.max_speed_rad_per_s,
-                  turn_inner / m.inner.max_speed_rad_per_s});
+                  std::abs(joints.z_mm - at_.z_mm) / m.z.max_speed_mm_per_s, job_.rotary_seconds(turn_outer, turn_inner)});
     const double wanted_s = tip_length_mm / feed_mm_per_s;
     const double seconds = std::max({wanted_s, axes_s, m.min_block_s});
-    if (wanted_s > 0 && seconds > wanted_s * (1 + 1e-9)) ++motion_.slowed_moves;
+    if (wanted_s > 0 && seconds > wanted_s * (1 + 1e-9)) {
+      ++motion_.slowed_moves;
+      if (seconds / wanted_s > motion_.worst_slowing) {
+        motion_.worst_slowing = seconds / wanted_s;
+        motion_.worst_slowing_at_mm = detail::tip_at(m, job_.setup, job_.length(), joints);
+      }
+    }
     if (seconds > 0) motion_.max_axis_speed_ratio = std::max(motion_.max_axis_speed_ratio, axes_s / seconds);
     motion_.moves.push_back({joints, kind, seconds, turn_outer > 0 || turn_inner > 0});
     at_ = joints;
@@ -253,6 +259,7 @@ std::array<Tilt, 2> tilts_for(const Job& job, std::size_t move, const ToolPose& 
 // Candidates within the rotary limits, cheapest from zero first.
 std::vector<Candidate> candidates_for(const Job& job, std::size_t move, const ToolPose& pose) {
   const auto tilts = tilts_for(job, move, pose, 0);
+  if (!job.machine.has_rotary()) return {{tilts[0], 0}};
   std::vector<Candidate> candidates;
   for (int branch = 0; branch < 2; ++branch) add_turns(job.machine, tilts[branch], branch, candidates);
   if (candidates.empty()) {
@@ -266,6 +273,13 @@ std::vector<Candidate> candidates_for(const Job& job, std::size_t move, const To
            job.rotary_seconds(b.tilt.outer_rad, b.tilt.inner_rad);
   });
   return candidates;
+}
+
+// Tips in the workpiece to the gauge point's X, Y, Z.
+detail::Placement place_tool(const Job& job, const Tilt& tilt) {
+  detail::Placement place = detail::place_work(job.machine, job.setup, tilt);
+  place.translation -= detail::tip_from_gauge_point(job.machine, job.length(), tilt);
+  return place;
 }
 
 // 3+2: one tilt for all, moves one to one.
@@ -282,11 +296,11 @@ void plan_fixed(const Job& job, Writer& writer, const Monitor& monitor) {
   Worst least;
   Tilt least_tilt;
   for (const Candidate& candidate : candidates) {
-    const detail::Placement place = detail::place_work(job.machine, job.setup, candidate.tilt);
+    const detail::Placement place = place_tool(job, candidate.tilt);
     Worst worst;
     for (std::size_t i = 0; i < moves.size(); ++i) {
       const Vec3 tip = place.rotation * moves[i].pose.tip_mm + place.translation;
-      const Overtravel over = worst_linear(job.machine, {tip.x(), tip.y(), tip.z() + job.length(), 0, 0});
+      const Overtravel over = worst_linear(job.machine, {tip.x(), tip.y(), tip.z(), 0, 0});
       if (over.amount > worst.over.amount) worst = {i, over};
     }
     if (worst.over.amount == 0) {
@@ -300,12 +314,12 @@ void plan_fixed(const Job& job, Writer& writer, const Monitor& monitor) {
   }
   if (!chosen) job.refuse(least.move, moves[least.move].pose, least_tilt, least.over);
 
-  const detail::Placement place = detail::place_work(job.machine, job.setup, *chosen);
+  const detail::Placement place = place_tool(job, *chosen);
   for (std::size_t i = 0; i < moves.size(); ++i) {
     if (i % kReportEvery == 0) monitor.report("axis motion", static_cast<double>(i) / moves.size());
     const Move& move = moves[i];
     const Vec3 tip = place.rotation * move.pose.tip_mm + place.translation;
-    const JointPosition joints{tip.x(), tip.y(), tip.z() + job.length(), chosen->outer_rad, chosen->inner_rad};
+    const JointPosition joints{tip.x(), tip.y(), tip.z(), chosen->outer_rad, chosen->inner_rad};
     if (i == 0) {
       writer.approach(joints);
     } else if (move.kind == MoveKind::kRapid) {
@@ -711,6 +725,12 @@ AxisMotion plan_motion(const MachineModel& machine, const WorkSetup& setup, cons
                                       [&](const Move& move) { return (move.pose.axis - axis).norm() <= kSameAxis; });
   if (fixed_axis) {
     plan_fixed(job, writer, monitor);
+  } else if (!machine.has_rotary() || !machine.simultaneous) {
+    const auto turned = std::find_if(path.moves.begin(), path.moves.end(),
+                                     [&](const Move& move) { return (move.pose.axis - axis).norm() > kSameAxis; });
+    throw InputError(place_text(path, static_cast<std::size_t>(turned - path.moves.begin()), turned->pose) +
+                     ": the tool axis turns in the cut, which " + machine.name +
+                     " cannot do; use axis = \"fixed\" or \"vertical\" for this pass");
   } else {
     plan_turning(job, writer, monitor);
   }

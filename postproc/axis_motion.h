@@ -25,7 +25,9 @@ struct AxisMotion {
   std::vector<AxisMove> moves;       ///< the first is at the machine's top with the rotary joints in place
   double max_tip_error_um = 0;       ///< of the tip between blocks against the tool path's straight line
   double max_axis_speed_ratio = 0;   ///< greatest axis speed over its limit
-  std::size_t slowed_moves = 0;      ///< feeds lowered for an axis limit
+  std::size_t slowed_moves = 0;      ///< feeds lowered for an axis limit or the controller's block time
+  double worst_slowing = 1;          ///< greatest factor by which a move takes longer, and the tip there (workpiece frame)
+  Vec3 worst_slowing_at_mm = Vec3::Zero();
 };
 
 struct MotionOptions {

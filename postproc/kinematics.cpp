@@ -16,8 +16,13 @@ namespace {
 // demand.
 constexpr double kConeSlack = 1e-12;
 
-double physical(const RotaryAxis& axis, double programmed_rad) {
-  return axis.direction * programmed_rad;
+// The turn of the work relative to the tool: a head axis turns the tool instead, the other way round.
+double relative_direction(const RotaryAxis& axis) {
+  return axis.on_head ? -axis.direction : axis.direction;
+}
+
+Vec3 about(const RotaryAxis& axis, const Vec3& point, double programmed_rad) {
+  return axis.point_mm + turned(point - axis.point_mm, axis.axis, programmed_rad);
 }
 
 // The angle about the unit `axis` that turns `from` to `to`, both perpendicular to it; by atan2, exact at 0 and pi too.
@@ -37,18 +42,35 @@ double half_open(double angle_rad) {
 }  // namespace
 
 Placement place_work(const MachineModel& machine, const WorkSetup& setup, const Tilt& tilt) {
-  const Eigen::Matrix3d outer =
-      Eigen::AngleAxisd(physical(machine.outer, tilt.outer_rad), machine.outer.axis).toRotationMatrix();
-  const Eigen::Matrix3d inner =
-      Eigen::AngleAxisd(physical(machine.inner, tilt.inner_rad), machine.inner.axis).toRotationMatrix();
-  // p_M = P + R_o (Q + R_i (o + p_W - Q) - P)
-  const Vec3& p = machine.outer.point_mm;
-  const Vec3& q = machine.inner.point_mm;
-  return {outer * inner, p + outer * (q + inner * (setup.origin_mm - q) - p)};
+  // p_M = P + R_o (Q + R_i (o + p_W - Q) - P); an axis of the head does not turn the work.
+  Placement place{Eigen::Matrix3d::Identity(), setup.origin_mm};
+  const auto turn = [&place](const RotaryAxis& axis, double programmed_rad) {
+    if (axis.on_head) return;
+    const Eigen::Matrix3d r = Eigen::AngleAxisd(axis.direction * programmed_rad, axis.axis).toRotationMatrix();
+    place.rotation = r * place.rotation;
+    place.translation = axis.point_mm + r * (place.translation - axis.point_mm);
+  };
+  if (machine.has_rotary()) {
+    turn(machine.inner, tilt.inner_rad);
+    turn(machine.outer, tilt.outer_rad);
+  }
+  return place;
+}
+
+Vec3 tip_from_gauge_point(const MachineModel& machine, double tool_length_mm, const Tilt& tilt) {
+  Vec3 tip(0, 0, -tool_length_mm);
+  if (!machine.has_rotary()) return tip;
+  if (machine.outer.on_head) tip = about(machine.outer, tip, machine.outer.direction * tilt.outer_rad);
+  if (machine.inner.on_head) tip = about(machine.inner, tip, machine.inner.direction * tilt.inner_rad);
+  return tip;
 }
 
 std::optional<std::array<Tilt, 2>> solve_tilt(const MachineModel& machine, const Vec3& axis, double inner_at_pole_rad,
                                               double pole_sine_limit) {
+  if (!machine.has_rotary()) {
+    if (!(axis.z() > 0 && std::hypot(axis.x(), axis.y()) <= std::max(pole_sine_limit, kPoleSine))) return std::nullopt;
+    return std::array<Tilt, 2>{};
+  }
   const Vec3& a = machine.outer.axis;
   const Vec3& c = machine.inner.axis;
   const Vec3 z = Vec3::UnitZ();
@@ -72,8 +94,8 @@ std::optional<std::array<Tilt, 2>> solve_tilt(const MachineModel& machine, const
         at_pole ? Vec3(along < 0 ? -c : c) : Vec3(along * c + along_u * u + (branch == 0 ? side : -side) * c.cross(u));
     const double outer = angle_about(a, across(v, a), across(z, a));
     const double inner = angle_about(c, across(axis, c), across(v, c));
-    tilts[branch].outer_rad = half_open(machine.outer.direction * outer);
-    tilts[branch].inner_rad = at_pole ? inner_at_pole_rad : half_open(machine.inner.direction * inner);
+    tilts[branch].outer_rad = half_open(relative_direction(machine.outer) * outer);
+    tilts[branch].inner_rad = at_pole ? inner_at_pole_rad : half_open(relative_direction(machine.inner) * inner);
   }
   if (tilts[0].outer_rad < tilts[1].outer_rad) std::swap(tilts[0], tilts[1]);
   return tilts;
@@ -82,20 +104,30 @@ std::optional<std::array<Tilt, 2>> solve_tilt(const MachineModel& machine, const
 JointPosition joints_at(const MachineModel& machine, const WorkSetup& setup, double tool_length_mm, const Vec3& tip_mm,
                         const Tilt& tilt) {
   // The same chain as place_work(), on one point and without matrices.
-  const Vec3& p = machine.outer.point_mm;
-  const Vec3& q = machine.inner.point_mm;
-  const Vec3 on_inner =
-      q + turned(setup.origin_mm + tip_mm - q, machine.inner.axis, physical(machine.inner, tilt.inner_rad));
-  const Vec3 tip_M = p + turned(on_inner - p, machine.outer.axis, physical(machine.outer, tilt.outer_rad));
-  return {tip_M.x(), tip_M.y(), tip_M.z() + tool_length_mm, tilt.outer_rad, tilt.inner_rad};
+  Vec3 at = setup.origin_mm + tip_mm;
+  if (machine.has_rotary()) {
+    if (!machine.inner.on_head) at = about(machine.inner, at, machine.inner.direction * tilt.inner_rad);
+    if (!machine.outer.on_head) at = about(machine.outer, at, machine.outer.direction * tilt.outer_rad);
+  }
+  at -= tip_from_gauge_point(machine, tool_length_mm, tilt);
+  return {at.x(), at.y(), at.z(), tilt.outer_rad, tilt.inner_rad};
 }
 
 Vec3 tip_at(const MachineModel& machine, const WorkSetup& setup, double tool_length_mm, const JointPosition& joints) {
-  const Vec3& p = machine.outer.point_mm;
-  const Vec3& q = machine.inner.point_mm;
-  const Vec3 tip_M(joints.x_mm, joints.y_mm, joints.z_mm - tool_length_mm);
-  const Vec3 on_outer = p + turned(tip_M - p, machine.outer.axis, -physical(machine.outer, joints.outer_rad));
-  return q + turned(on_outer - q, machine.inner.axis, -physical(machine.inner, joints.inner_rad)) - setup.origin_mm;
+  const Tilt tilt{joints.outer_rad, joints.inner_rad};
+  Vec3 at = Vec3(joints.x_mm, joints.y_mm, joints.z_mm) + tip_from_gauge_point(machine, tool_length_mm, tilt);
+  if (machine.has_rotary()) {
+    if (!machine.outer.on_head) at = about(machine.outer, at, -machine.outer.direction * tilt.outer_rad);
+    if (!machine.inner.on_head) at = about(machine.inner, at, -machine.inner.direction * tilt.inner_rad);
+  }
+  return at - setup.origin_mm;
+}
+
+Vec3 axis_at(const MachineModel& machine, const Tilt& tilt) {
+  if (!machine.has_rotary()) return Vec3::UnitZ();
+  const Vec3 upright =
+      turned(Vec3::UnitZ(), machine.outer.axis, -relative_direction(machine.outer) * tilt.outer_rad);
+  return turned(upright, machine.inner.axis, -relative_direction(machine.inner) * tilt.inner_rad);
 }
 
 }  // namespace detail
@@ -110,9 +142,8 @@ WorkSetup work_on_table(const MachineModel& machine, const Vec3& offset_mm, int 
 
 ToolPose forward(const MachineModel& machine, const WorkSetup& setup, double tool_length_mm,
                  const JointPosition& joints) {
-  const Vec3 upright = detail::turned(Vec3::UnitZ(), machine.outer.axis, -machine.outer.direction * joints.outer_rad);
   return {detail::tip_at(machine, setup, tool_length_mm, joints),
-          detail::turned(upright, machine.inner.axis, -machine.inner.direction * joints.inner_rad)};
+          detail::axis_at(machine, {joints.outer_rad, joints.inner_rad})};
 }
 
 std::array<JointPosition, 2> inverse(const MachineModel& machine, const WorkSetup& setup, double tool_length_mm,

@@ -1,4 +1,4 @@
-// The trunnion's mathematics in physical angles, shared by kinematics and motion planning.
+// The rotary axes' mathematics in physical angles, shared by kinematics and motion planning.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -38,6 +38,12 @@ struct Placement {
   Vec3 translation;
 };
 Placement place_work(const MachineModel& machine, const WorkSetup& setup, const Tilt& tilt);
+
+/// From the spindle's gauge point to the tip, machine frame: straight down unless the head is turned.
+Vec3 tip_from_gauge_point(const MachineModel& machine, double tool_length_mm, const Tilt& tilt);
+
+/// The tool's axis in the workpiece frame.
+Vec3 axis_at(const MachineModel& machine, const Tilt& tilt);
 
 /// Rotary joints that bring `axis` (unit, workpiece frame) parallel to the spindle: the one with the greater outer
 /// angle first. `inner_at_pole_rad` is used where pole_sine() <= `pole_sine_limit`; there both branches are the same

@@ -122,6 +122,53 @@ RC_GTEST_PROP(Kinematics, OtherTrunnionsRoundTrip, ()) {
   }
 }
 
+// One axis or both on the head, none of them quite square: the tip is found with rotation matrices along the chain.
+RC_GTEST_PROP(Kinematics, HeadsRoundTripAndAgreeWithMatrices, ()) {
+  MachineModel machine = test::hostile_machine();
+  const bool both = *rc::gen::arbitrary<bool>();
+  machine.chain = both ? Chain::kHeadHead : Chain::kHeadTable;
+  machine.outer.on_head = true;
+  machine.inner.on_head = both;
+  machine.outer.point_mm = vector(80);
+  machine.inner.point_mm = vector(80);
+  machine.outer.axis = (Vec3::UnitY() + vector(0.01)).normalized();
+  machine.inner.axis = (Vec3::UnitZ() + vector(0.01)).normalized();
+  machine.outer.direction = *rc::gen::element(-1.0, 1.0);
+  machine.inner.direction = *rc::gen::element(-1.0, 1.0);
+  const WorkSetup setup{vector(80), 54};
+  const double length = 85;
+  const JointPosition joints{real(-250, 250), real(-120, 120), real(-360, 0), real(3, 100) * kDeg,
+                             real(-180, 180) * kDeg};
+  const auto turn = [](const RotaryAxis& axis, double q) {
+    return Eigen::Matrix3d(Eigen::AngleAxisd(axis.direction * q, axis.axis));
+  };
+  const Eigen::Matrix3d o = turn(machine.outer, joints.outer_rad), i = turn(machine.inner, joints.inner_rad);
+  const Vec3 P = machine.outer.point_mm, Q = machine.inner.point_mm, gauge(joints.x_mm, joints.y_mm, joints.z_mm);
+  const Vec3 on_head = P + o * (Vec3(0, 0, -length) - P);
+  const Vec3 tip = both ? Vec3(gauge + Q + i * (on_head - Q))
+                        : Vec3(Q + i.transpose() * (gauge + on_head - Q));
+  const Vec3 axis = both ? Vec3(i * o * Vec3::UnitZ()) : Vec3(i.transpose() * o * Vec3::UnitZ());
+  const ToolPose pose = forward(machine, setup, length, joints);
+  RC_ASSERT((pose.tip_mm - (tip - setup.origin_mm)).norm() < 1e-10);
+  RC_ASSERT((pose.axis - axis).norm() < 1e-13);
+  double nearest = 1e9;
+  for (const JointPosition& branch : inverse(machine, setup, length, pose)) {
+    const ToolPose again = forward(machine, setup, length, branch);
+    RC_ASSERT((again.tip_mm - pose.tip_mm).norm() < 1e-8);
+    RC_ASSERT((again.axis - pose.axis).norm() < 1e-10);
+    nearest = std::min(nearest, std::abs(branch.x_mm - joints.x_mm) + std::abs(branch.outer_rad - joints.outer_rad));
+  }
+  RC_ASSERT(nearest < 1e-7);
+}
+
+TEST(Kinematics, ThreeAxesReachTheVerticalOnly) {
+  MachineModel machine = test::fixture_machine();
+  machine.chain = Chain::kThreeAxis;
+  const auto joints = inverse(machine, {{1, 2, -400}, 54}, 85, {{3, 4, 5}, Vec3::UnitZ()});
+  EXPECT_LT((Vec3(joints[0].x_mm, joints[0].y_mm, joints[0].z_mm) - Vec3(4, 6, -310)).norm(), 1e-12);
+  EXPECT_THROW(inverse(machine, {}, 85, {Vec3::Zero(), direction(0.1, 0)}), InputError);
+}
+
 TEST(Kinematics, UnreachableAxisOfANutatingTableIsRefused) {
   MachineModel machine = test::hostile_machine();
   machine.outer.axis = Vec3(0, 1, 1).normalized();  // reaches up to the horizontal, no farther

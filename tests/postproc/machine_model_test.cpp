@@ -72,7 +72,10 @@ TEST(ReadMachine, RefusesNamingKeyAndRule) {
   EXPECT_THAT(complaint("min_deg = -110.0", "min_deg = 10.0"), HasSubstr("enclose 0"));
   EXPECT_THAT(complaint("letter = \"C\"", "letter = \"B\""), HasSubstr("inner.letter"));
   EXPECT_THAT(complaint("letter = \"C\"", "letter = \"U\""), HasSubstr("inner.letter"));
-  EXPECT_THAT(complaint("kind = \"grblhal\"", "kind = \"fanuc\""), HasSubstr("controller.kind"));
+  EXPECT_THAT(complaint("point_mm = [0.0, 0.0, -380.0]", "point_mm = [5000.0, 0.0, -380.0]"),
+              HasSubstr("impossible pivot"));
+  EXPECT_THAT(complaint("table_radius_mm", "chain = \"three_axis\"\ntable_radius_mm"), HasSubstr("has no place"));
+  EXPECT_THAT(complaint("kind = \"grblhal\"", "kind = \"abacus\""), HasSubstr("controller.kind"));
   EXPECT_THAT(complaint("retract_z_mm = 0.0 ", "retract_z_mm = 5.0 "), HasSubstr("within the travel of z"));
   EXPECT_THAT(complaint("tool_change_mm = [-240.0", "tool_change_mm = [-260.0"), HasSubstr("within the travels"));
   EXPECT_THAT(complaint("max_rpm = 36000", "max_rpm = 500"), HasSubstr("spindle.max_rpm"));
