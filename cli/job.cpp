@@ -9,6 +9,7 @@
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/toml_table.h"
+#include "postproc/program.h"
 
 namespace lightmill {
 
@@ -199,9 +200,19 @@ void read_machine_section(TomlTable table, const fs::path& folder, Job& job) {
 }
 
 void read_controller(TomlTable table, Job& job) {
-  only_choice(table, "dialect", {"grblhal", "linuxcnc", "heidenhain"});
+  std::vector<std::string_view> known;
+  const std::vector<DialectFacts> all = dialects();
+  for (const DialectFacts& dialect : all) known.push_back(dialect.name);
+  std::error_code error;
+  const std::string own = fs::exists(job.machine.file, error) ? read_machine(job.machine.file).controller : "grblhal";
+  job.controller.dialect = table.choice("dialect", own, known);
+  int most_decimals = 6;
+  for (const DialectFacts& dialect : all) {
+    if (dialect.name == job.controller.dialect) most_decimals = std::min(most_decimals, dialect.most_decimals);
+  }
+  job.controller.decimals = std::min(job.controller.decimals, most_decimals);
   only_choice(table, "tcp", {"off", "on"});
-  job.controller.decimals = table.integer_in("decimals", job.controller.decimals, 4, 6);
+  job.controller.decimals = table.integer_in("decimals", job.controller.decimals, 4, most_decimals);
   job.controller.block_numbers = table.boolean("block_numbers", job.controller.block_numbers);
   job.controller.tip_tolerance_um = table.number_in("tip_tolerance_um", job.controller.tip_tolerance_um, 0.001, 1000);
 }

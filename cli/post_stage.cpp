@@ -9,7 +9,8 @@ using nlohmann::json;
 
 StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& monitor) {
   const std::vector<ToolPath> passes = read_toolpaths(folder.needed("cam/toolpaths.bin", "cam"));
-  const MachineModel machine = read_machine(job.machine.file);
+  MachineModel machine = read_machine(job.machine.file);
+  machine.controller = job.controller.dialect;
   const WorkSetup setup = work_on_table(machine, job.machine.workpiece_origin_mm, job.machine.work_offset);
   MotionOptions motion_options;
   motion_options.tip_tolerance_mm = job.controller.tip_tolerance_um / 1000;
@@ -26,7 +27,7 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
   for (std::size_t i = 0; i < passes.size(); ++i) {
     const double share = 1.0 / static_cast<double>(passes.size());
     const AxisMotion motion = plan_motion(machine, setup, passes[i], motion_options, monitor.part(share * i, share * (i + 0.7)));
-    programs.push_back(write_grblhal(machine, setup, motion, options));
+    programs.push_back(write_program(machine, setup, motion, options));
     monitor.report("program of " + passes[i].pass, share * (i + 1));
     const Program& program = programs.back();
     report[passes[i].pass] = {{"blocks", program.blocks},
@@ -34,6 +35,10 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
                               {"max_tip_error_um", motion.max_tip_error_um},
                               {"max_axis_speed_ratio", motion.max_axis_speed_ratio},
                               {"slowed_moves", motion.slowed_moves},
+                              {"worst_slowing", motion.worst_slowing},
+                              {"worst_slowing_at_mm",
+                               {motion.worst_slowing_at_mm.x(), motion.worst_slowing_at_mm.y(), motion.worst_slowing_at_mm.z()}},
+                              {"dialect", machine.controller},
                               {"file", "program/" + program.file_name},
                               {"sha256", sha256_of_text(program.text)}};
   }

@@ -17,6 +17,7 @@
 #include "design/core/text.h"
 #include "machine/pseudo_terminal.h"
 #include "postproc/machine_model.h"
+#include "postproc/program.h"
 
 namespace lightmill {
 
@@ -88,6 +89,14 @@ int list_ports() {
 int list_machines() {
   for (const auto& file : files_of(fixtures_folder() / "machines", ".toml")) {
     const MachineModel machine = read_machine(file);
+    if (!machine.has_rotary()) {
+      std::printf("%s\n  %s\n  X %s Y %s Z %s mm, no rotary axis; spindle to %s rpm; tools to %s mm\n", file.c_str(), machine.name.c_str(),
+                  compact(machine.x.max_mm - machine.x.min_mm, 1).c_str(), compact(machine.y.max_mm - machine.y.min_mm, 1).c_str(),
+                  compact(machine.z.max_mm - machine.z.min_mm, 1).c_str(), compact(machine.max_spindle_rpm, 0).c_str(),
+                  compact(machine.max_tool_length_mm, 1).c_str());
+      if (!machine.notes.empty()) std::printf("  %s\n", machine.notes.c_str());
+      continue;
+    }
     std::printf("%s\n  %s\n  X %s Y %s Z %s mm, %s %s to %s deg, %s; spindle to %s rpm; tools to %s mm\n", file.c_str(), machine.name.c_str(),
                 compact(machine.x.max_mm - machine.x.min_mm, 1).c_str(), compact(machine.y.max_mm - machine.y.min_mm, 1).c_str(),
                 compact(machine.z.max_mm - machine.z.min_mm, 1).c_str(), std::string(1, machine.outer.letter).c_str(),
@@ -105,7 +114,10 @@ int list_machines() {
 }
 
 int list_dialects() {
-  std::printf("grblhal   RS274 for grblHAL: no tool-centre control, kinematics in the post, G93 where a rotary axis moves; *.nc\n");
+  for (const DialectFacts& dialect : dialects()) {
+    std::printf("%-9s %s; kinematics in the post, G93 where a rotary axis moves in a cut; at most %d decimals; *%s\n", dialect.name.c_str(),
+                dialect.title.c_str(), dialect.most_decimals, dialect.extension.c_str());
+  }
   return kExitDone;
 }
 

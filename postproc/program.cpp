@@ -9,6 +9,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
+#include "postproc/detail/dialect.h"
 #include "postproc/program_check.h"
 
 namespace lightmill {
@@ -62,11 +63,11 @@ std::string feed_text(double value) {
   return compact(std::floor(value * scale * (1 + kFeedSlack)) / scale, std::max(decimals, 0));
 }
 
-class GrblHalWriter {
+class ProgramWriter {
  public:
-  GrblHalWriter(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
+  ProgramWriter(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
                 const ProgramOptions& options)
-      : machine_(machine), setup_(setup), motion_(motion), options_(options), unit_(std::pow(10.0, options.decimals)) {}
+      : machine_(machine), setup_(setup), motion_(motion), options_(options), dialect_(detail::dialect_of(machine.controller)), unit_(std::pow(10.0, options.decimals)) {}
 
   Program write() {
     text_.reserve(4096 + motion_.moves.size() * 36);
@@ -80,7 +81,7 @@ class GrblHalWriter {
       from_ = move.joints;
     }
     footer();
-    return {program_file_name(motion_.pass), std::move(text_), blocks_};
+    return {file_name(), std::move(text_), blocks_};
   }
 
  private:
@@ -100,7 +101,10 @@ class GrblHalWriter {
   // Text --------------------------------------------------------------------------------------------------------------
 
   void comment(const std::string& sentence) {
-    const std::string clean = plain(sentence);
+    std::string clean = plain(sentence);
+    if (dialect_.upper_case) {
+      for (char& c : clean) c = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+    }
     constexpr std::size_t room = kLongestLine - 2;
     for (std::size_t begin = 0; begin < clean.size();) {
       std::size_t end = std::min(clean.size(), begin + room);
@@ -111,6 +115,13 @@ class GrblHalWriter {
       text_ += "(" + clean.substr(begin, end - begin) + ")\n";
       begin = end < clean.size() && clean[end] == ' ' ? end + 1 : end;
     }
+  }
+
+  // A number of the header or footer.
+  [[nodiscard]] std::string written(double value) const {
+    std::string result = compact(value, options_.decimals);
+    if (dialect_.decimal_point && result.find('.') == std::string::npos) result += '.';
+    return result;
   }
 
   void begin_block() {
@@ -142,6 +153,8 @@ class GrblHalWriter {
       text_ += '.';
       text_.append(static_cast<std::size_t>(std::max(-whole, 0)), '0');
       text_.append(digits + std::max(whole, 0), digits + last);
+    } else if (dialect_.decimal_point) {
+      text_ += '.';
     }
   }
 
@@ -177,9 +190,11 @@ class GrblHalWriter {
     const double minutes = (total_seconds(machine_, motion_) + dwell_s()) / 60;
     const Vec3& zero = setup_.origin_mm;
     const std::string offset = "G" + std::to_string(setup_.work_offset);
-    const std::string letters = std::string(1, machine_.outer.letter) + "0 " + machine_.inner.letter + "0";
+    if (dialect_.percent) text_ += "%\n";
+    if (dialect_.program_number) text_ += "O00" + file_name().substr(0, 2) + "\n";
+    const std::string letters = !machine_.has_rotary() ? "no rotary axis" : std::string(1, machine_.outer.letter) + "0 " + machine_.inner.letter + "0";
 
-    comment("LIGHTMILL " LIGHTMILL_VERSION " " + program_file_name(motion_.pass));
+    comment("LIGHTMILL " LIGHTMILL_VERSION " " + file_name());
     if (!options_.job_name.empty()) comment("JOB " + options_.job_name);
     if (!options_.job_hash.empty()) comment("HASH OF THE JOB " + options_.job_hash);
     comment("MAKES the " + motion_.pass + " pass of a lens, " + std::to_string(motion_.moves.size()) + " moves, " +
@@ -204,30 +219,42 @@ class GrblHalWriter {
               (std::string_view(air_word()) == "M7" ? " = AIR ON THE MIST OUTPUT" : " = COOLANT"));
 
     const std::string top = top_words();
-    block("G21 G90 G94 G17 G40 G49 G80 " + offset);
+    block("G21 G90 G94 G17 G40 G49 G80 " + offset + (dialect_.modes.empty() ? "" : " " + std::string(dialect_.modes)));
     block("G53 G0 " + top);
     mode_ = 0;
     const Vec3& change = machine_.tool_change_mm;
-    block("G53 G0 X" + compact(change.x(), options_.decimals) + " Y" + compact(change.y(), options_.decimals));
-    if (change.z() != machine_.retract_z_mm) block("G53 G0 Z" + compact(change.z(), options_.decimals));
+    block("G53 G0 X" + written(change.x()) + " Y" + written(change.y()));
+    if (change.z() != machine_.retract_z_mm) block("G53 G0 Z" + written(change.z()));
     block("T" + std::to_string(cutter.number) + " M6");
-    block("G43.1 Z" + compact(cutter.length_mm, options_.decimals));
+    if (!dialect_.length_in_table) block("G43.1 Z" + written(cutter.length_mm));
     block("S" + compact(motion_.spindle_rpm, 0) + " M3");
-    block("G4 P" + compact(dwell_s(), 3));
+    block("G4 P" + (dialect_.dwell_in_ms ? compact(1000 * dwell_s(), 0) : compact(dwell_s(), 3)));
     if (air_word()) block(air_word());
     // The operator may have jogged at the tool change: up again, whatever Z is, before anything turns.
     block("G53 G0 " + top);
+    // Only here: on some controls the offset itself moves Z.
+    if (dialect_.length_in_table) block("G43 H" + std::to_string(cutter.number));
+    if (!dialect_.smoothing_on.empty()) block(std::string(dialect_.smoothing_on));
     at_.fill(kUnknown);
     at_[kZ] = top_z_;
+    if (!machine_.has_rotary()) at_[kOuter] = at_[kInner] = 0;
     if (turning) block("G93");
   }
 
   void footer() {
     if (turns()) block("G94");
-    block(air_word() ? "M5 M9" : "M5");
+    if (!dialect_.smoothing_off.empty()) block(std::string(dialect_.smoothing_off));
+    block(air_word() && !dialect_.one_m_per_block ? "M5 M9" : "M5");
+    if (air_word() && dialect_.one_m_per_block) block("M9");
     block("G53 G0 " + top_words());
+    std::string home;
+    if (at_[kOuter] != 0) home += std::string(" ") + machine_.outer.letter + written(0);
+    if (at_[kInner] != 0) home += std::string(" ") + machine_.inner.letter + written(0);
+    if (!home.empty()) block("G0" + home);
+    if (machine_.park_mm) block("G53 G0 X" + written(machine_.park_mm->x()) + " Y" + written(machine_.park_mm->y()));
     block("G49");
     block("M30");
+    if (dialect_.percent) text_ += "%\n";
   }
 
   // A rapid at the machine's top goes there by machine coordinates, turns the table, then goes across.
@@ -259,6 +286,16 @@ class GrblHalWriter {
     const Position to = words(move.joints);
     // What rounds to nothing is left out and loses nothing: the next block's end is absolute.
     if (same(to, kX, kInner)) return;
+    if (turns() && !same(to, kOuter, kInner) && !same(to, kX, kZ)) {
+      double way_mm = 0;
+      for (const int w : {kX, kY, kZ}) way_mm = std::hypot(way_mm, static_cast<double>(to[w] - at_[w]) / unit_);
+      if (way_mm < dialect_.least_linear_mm) {
+        begin_block();
+        mode(1);
+        axis_words(to, kOuter, kInner);
+        text_ += " F" + feed_text(60 / move.seconds) + '\n';
+      }
+    }
     begin_block();
     mode(1);
     axis_words(to, kX, kInner);
@@ -273,16 +310,22 @@ class GrblHalWriter {
     if (turns() || word != feed_) {
       text_ += " F";
       text_ += word;
+      if (dialect_.decimal_point && word.find('.') == std::string::npos) text_ += '.';
       feed_ = std::move(word);
     }
     text_ += '\n';
+  }
+
+  [[nodiscard]] std::string file_name() const {
+    std::string name = program_file_name(motion_.pass);
+    return name.substr(0, name.size() - 3) + std::string(dialect_.extension);
   }
 
   // Facts -------------------------------------------------------------------------------------------------------------
 
   [[nodiscard]] bool turns() const { return turns_; }
   [[nodiscard]] double dwell_s() const { return std::max(options_.warm_up_s, machine_.spindle_start_s); }
-  [[nodiscard]] std::string top_words() const { return "Z" + compact(machine_.retract_z_mm, options_.decimals); }
+  [[nodiscard]] std::string top_words() const { return "Z" + written(machine_.retract_z_mm); }
   // M7 is the mist output, where a shop's air blast or mist unit hangs; M8 is flood.
   [[nodiscard]] const char* air_word() const {
     const std::string& coolant = motion_.cutter.coolant;
@@ -293,6 +336,7 @@ class GrblHalWriter {
   const WorkSetup& setup_;
   const AxisMotion& motion_;
   const ProgramOptions& options_;
+  const detail::Dialect& dialect_;
   double unit_;
   bool turns_ = std::any_of(motion_.moves.begin(), motion_.moves.end(),
                             [](const AxisMove& move) { return move.rotary_moves && move.kind != MoveKind::kRapid; });
@@ -318,10 +362,12 @@ std::string program_file_name(const std::string& pass) {
   return "40_" + safe + ".nc";
 }
 
-Program write_grblhal(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
+Program write_program(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
                       const ProgramOptions& options) {
-  if (options.decimals < 3 || options.decimals > 8) {
-    throw InputError("decimals = " + std::to_string(options.decimals) + ": must be from 3 to 8");
+  const int most_decimals = detail::dialect_of(machine.controller).most_decimals;
+  if (options.decimals < 3 || options.decimals > most_decimals) {
+    throw InputError("decimals = " + std::to_string(options.decimals) + ": must be from 3 to " +
+                     std::to_string(most_decimals) + " for " + machine.controller);
   }
   if (setup.work_offset < 54 || setup.work_offset > 59) {
     throw InputError("work offset G" + std::to_string(setup.work_offset) + " does not exist: use 54 to 59");
@@ -334,13 +380,21 @@ Program write_grblhal(const MachineModel& machine, const WorkSetup& setup, const
   if (motion.cutter.number < 1) {
     throw InputError(motion.pass + ": cutter '" + motion.cutter.name + "' needs a number of at least 1 for its T word");
   }
-  Program program = GrblHalWriter(machine, setup, motion, options).write();
+  Program program = ProgramWriter(machine, setup, motion, options).write();
   const std::vector<std::string> faults = check_program_text(machine, setup, motion, program.text, options);
   if (!faults.empty()) {
     throw NumericalError(program.file_name + " breaks a safety rule (" + std::to_string(faults.size()) +
                          " in all): " + faults.front());
   }
   return program;
+}
+
+std::vector<DialectFacts> dialects() {
+  std::vector<DialectFacts> facts;
+  for (const detail::Dialect* d : detail::all_dialects()) {
+    facts.push_back({std::string(d->name), std::string(d->title), std::string(d->extension), d->most_decimals});
+  }
+  return facts;
 }
 
 }  // namespace lightmill

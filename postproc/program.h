@@ -1,4 +1,4 @@
-// Axis motion to program text: grblHAL's RS274 dialect.
+// Axis motion to program text in the machine's RS274 dialect.
 #pragma once
 
 #include <string>
@@ -30,7 +30,16 @@ std::string program_file_name(const std::string& pass);
 /// point less the work offset's zero (and less the tool's length in Z, which G43.1 adds again); only those that changed.
 /// Throws InputError for a spindle speed the machine has not, and NumericalError if the finished text fails
 /// check_program_text().
-Program write_grblhal(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
+Program write_program(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
                       const ProgramOptions& options = {});
+
+/// A dialect as `lightmill dialects` lists it; each is a file detail/<name>.cpp.
+struct DialectFacts {
+  std::string name;
+  std::string title;
+  std::string extension;
+  int most_decimals = 0;
+};
+std::vector<DialectFacts> dialects();
 
 }  // namespace lightmill

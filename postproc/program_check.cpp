@@ -8,6 +8,7 @@
 #include <set>
 
 #include "design/core/text.h"
+#include "postproc/detail/dialect.h"
 
 namespace lightmill {
 namespace {
@@ -25,7 +26,7 @@ struct Words {
   std::vector<int> g;  // times ten: G43.1 is 431
   std::vector<int> m;
   double x = kUnknown, y = kUnknown, z = kUnknown, outer = kUnknown, inner = kUnknown;
-  double f = kUnknown, s = kUnknown, t = kUnknown, p = kUnknown, n = kUnknown;
+  double f = kUnknown, s = kUnknown, t = kUnknown, p = kUnknown, n = kUnknown, h = kUnknown, q = kUnknown;
 
   [[nodiscard]] bool has_g(int code) const { return std::find(g.begin(), g.end(), code) != g.end(); }
   [[nodiscard]] bool has_m(int code) const { return std::find(m.begin(), m.end(), code) != m.end(); }
@@ -46,6 +47,7 @@ class Checker {
         setup_(setup),
         motion_(motion),
         options_(options),
+        dialect_(detail::dialect_of(machine.controller)),
         half_unit_(0.51 * std::pow(10.0, -options.decimals)) {}
 
   std::vector<std::string> check(std::string_view text) {
@@ -66,6 +68,17 @@ class Checker {
   }
 
   void read_line(std::string_view line) {
+    if (dialect_.percent && line == "%") {
+      if (line_ != 1 && !ended_) complain("% ends the program before M30");
+      ++percents_;
+      return;
+    }
+    if (dialect_.program_number && line_ == 2) {
+      if (line.size() != 5 || line.front() != 'O' || line.find_first_not_of("0123456789", 1) != std::string_view::npos) {
+        complain("the program's number is missing: O and four digits");
+      }
+      return;
+    }
     if (line.size() > kLongestLine) complain("longer than 80 characters");
     for (const char c : line) {
       if (c < ' ' || c > '~') return complain("a character that is not printable ASCII");
@@ -110,9 +123,12 @@ class Checker {
         words.g.push_back(static_cast<int>(std::lround(value * 10)));
       } else if (letter == 'M') {
         words.m.push_back(static_cast<int>(std::lround(value)));
-      } else if (letter == machine_.outer.letter) {
+      } else if (dialect_.decimal_point && std::string_view("XYZABCF").find(letter) != std::string_view::npos &&
+                 std::string_view(digits, stop).find('.') == std::string_view::npos) {
+        complain(std::string(1, letter) + " without a decimal point");
+      } else if (machine_.has_rotary() && letter == machine_.outer.letter) {
         words.outer = value;
-      } else if (letter == machine_.inner.letter) {
+      } else if (machine_.has_rotary() && letter == machine_.inner.letter) {
         words.inner = value;
       } else if (double* slot = scalar(words, letter)) {
         *slot = value;
@@ -139,6 +155,10 @@ class Checker {
         return &words.t;
       case 'P':
         return &words.p;
+      case 'H':
+        return &words.h;
+      case 'Q':
+        return &words.q;
       case 'N':
         return &words.n;
       default:
@@ -169,8 +189,8 @@ class Checker {
     for (const int m : words.m) run_m(m);
     if (words.has_g(40)) {
       if (!(words.p > 0)) complain("a dwell without P");
-      if (words.p + 1e-9 >= std::max(options_.warm_up_s, machine_.spindle_start_s) && spindle_) dwelled_ = true;
-    } else if (!std::isnan(words.p)) {
+      if (words.p * (dialect_.dwell_in_ms ? 1e-3 : 1) + 1e-9 >= std::max(options_.warm_up_s, machine_.spindle_start_s) && spindle_) dwelled_ = true;
+    } else if (!std::isnan(words.p) && !words.has_g(640)) {
       complain("P without a dwell");
     }
     bool absolute = false;
@@ -197,7 +217,23 @@ class Checker {
           length_mm_ = 0;
           break;
         case 431:
+          if (dialect_.length_in_table) complain("G43.1 is unknown to this controller");
           tool_length = true;
+          break;
+        case 430:
+          if (!dialect_.length_in_table) complain("G43 needs a tool table, which this controller has not");
+          if (tool_ < 0 || words.h != tool_) complain("G43 H is not the tool in the spindle");
+          if (words.linear() || words.rotary()) complain("G43 with axis words");
+          length_mm_ = motion_.cutter.length_mm;  // the operator's entry in the table
+          measured_ = true;
+          break;
+        case 640:
+          if (dialect_.modes.empty() || !(words.p >= 0 && words.p <= 0.002 + 1e-9)) complain("G64 P is not what was asked for");
+          modal_.insert(g);
+          break;
+        case 51:
+          if (dialect_.smoothing_on.empty() || (words.q != 0 && words.q != 1)) complain("G5.1 Q is not 0 or 1");
+          smooth_ = words.q == 1;
           break;
         case 530:
           absolute = true;
@@ -264,6 +300,10 @@ class Checker {
         ended_ = true;
         if (!place_.top) complain("the program ends below the machine's top");
         if (spindle_ || air_) complain("the program ends with spindle or air on");
+        if (smooth_) complain("the program ends with smoothing on");
+        if (machine_.has_rotary() && !(place_.outer == 0 && place_.inner == 0)) {
+          complain("the program ends with rotary axes away from zero");
+        }
         if (length_mm_ != 0) complain("the program ends with a tool length in force: G49 is missing");
         if (inverse_time_) complain("the program ends in G93");
         break;
@@ -332,7 +372,7 @@ class Checker {
       if (!from.top || !to.top) complain("a rapid turns the table below the machine's top");
       return;
     }
-    if (!measured_) complain(to.top ? "the tool length is not set" : "a rapid down before the tool length is set");
+    if (!measured_ && !to.top) complain("a rapid down before the tool length is set");
     const bool straight_up = std::isnan(words.x) && std::isnan(words.y) && to.z >= from.z;
     if (straight_up || to.top) return;
     if (!is_high(from) || !is_high(to)) complain("a rapid below the safe plane");
@@ -346,6 +386,8 @@ class Checker {
   }
 
   void feed(const Words& words, const Place&) {
+    if (!dialect_.smoothing_on.empty() && !smooth_) complain("a feed move without G5.1 Q1");
+    if (!dialect_.modes.empty() && !modal_.contains(640)) complain("a feed move without G64 P");
     if (!spindle_) complain("a feed move with the spindle off");
     if (!dwelled_) complain("a feed move before the spindle has had time to start");
     if (!measured_) complain("a feed move before the tool length is set");
@@ -379,6 +421,17 @@ class Checker {
       ++next_;
       return;
     }
+    // The turning half of a block that was split for its short way: the axes of the next planned move, X, Y, Z as before.
+    if (mode_ == 1 && inverse_time_ && next_ < moves.size() && moves[next_].kind != MoveKind::kRapid) {
+      const JointPosition& j = moves[next_].joints;
+      const bool turned = std::abs(j.outer_rad - to.outer) <= half_unit_ * kDegree &&
+                          std::abs(j.inner_rad - to.inner) <= half_unit_ * kDegree;
+      const bool stood = to.x == from.x && to.y == from.y && to.z == from.z;
+      if (turned && stood && Vec3(j.x_mm - to.x, j.y_mm - to.y, j.z_mm - to.z).norm() < dialect_.least_linear_mm + 2 * half_unit_) {
+        check_time(moves[next_], from, to);
+        return;
+      }
+    }
     // Rapids at the top come in several blocks, and the last retract is not part of the plan.
     if (mode_ == 0 && to.top && (next_ == moves.size() || moves[next_].joints.z_mm == machine_.retract_z_mm)) return;
     complain(next_ == moves.size()
@@ -398,6 +451,7 @@ class Checker {
 
   void at_end() {
     if (!ended_) complain("M30 is missing");
+    if (dialect_.percent && percents_ != 2) complain("the program must stand between two lines of %");
     const auto& moves = motion_.moves;
     while (next_ < moves.size() && next_ > 0 && close(moves[next_].joints, moves[next_ - 1].joints)) ++next_;
     if (next_ < moves.size()) {
@@ -415,6 +469,7 @@ class Checker {
   const WorkSetup& setup_;
   const AxisMotion& motion_;
   const ProgramOptions& options_;
+  const detail::Dialect& dialect_;
   double half_unit_;  // half a unit of the last decimal and a little for rounding
 
   std::vector<std::string> faults_;
@@ -433,7 +488,9 @@ class Checker {
   bool spindle_ = false, dwelled_ = false, air_ = false;
   bool risen_ = false;         // the machine has been sent to its top since the start or the tool change
   bool changed_down_ = false;  // went down to a tool change position by machine coordinates
+  bool smooth_ = false;
   bool ended_ = false;
+  int percents_ = 0;
   Place place_;
   std::size_t next_ = 0;  // planned move that the next block must fulfil
 };

@@ -18,7 +18,7 @@ void measure(const char* what, const MachineModel& machine, const WorkSetup& set
   const double t0 = cpu_seconds();
   const AxisMotion motion = plan_motion(machine, setup, path);
   const double t1 = cpu_seconds();
-  const Program program = write_grblhal(machine, setup, motion);
+  const Program program = write_program(machine, setup, motion);
   const double t2 = cpu_seconds();
   const auto faults = check_program_text(machine, setup, motion, program.text);
   const double t3 = cpu_seconds();
