@@ -26,7 +26,7 @@ std::vector<fs::path> programs_of(const RunFolder& folder, std::vector<Fault>& f
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(folder.file("program"), error)) {
     const std::string name = entry.path().filename().string();
-    if (!name.starts_with(".") && entry.path().extension() == ".nc") programs.push_back(entry.path());
+    if (!name.starts_with(".") && (entry.path().extension() == ".nc" || entry.path().extension() == ".ngc")) programs.push_back(entry.path());
   }
   if (programs.empty()) throw InputError("no program in " + folder.file("program").string() + "; make them with: lightmill post " + folder.root().string());
   std::sort(programs.begin(), programs.end());

@@ -205,6 +205,11 @@ void read_controller(TomlTable table, Job& job) {
   for (const DialectFacts& dialect : all) known.push_back(dialect.name);
   std::error_code error;
   const std::string own = fs::exists(job.machine.file, error) ? read_machine(job.machine.file).controller : "grblhal";
+  for (const char* foreseen : {"heidenhain", "heidenhain_iso", "siemens"}) {
+    if ((table.is_text("dialect") ? table.text("dialect", own) : own) == foreseen) {
+      throw InputError(table.complaint("dialect", "not supported yet: use \"grblhal\", \"linuxcnc\" or \"fanuc\""));
+    }
+  }
   job.controller.dialect = table.choice("dialect", own, known);
   int most_decimals = 6;
   for (const DialectFacts& dialect : all) {
