@@ -63,6 +63,12 @@ class Checker {
   }
 
  private:
+  [[nodiscard]] Place unknown_place() const {
+    Place place;
+    if (!machine_.has_rotary()) place.outer = place.inner = 0;
+    return place;
+  }
+
   void complain(const std::string& what) {
     if (faults_.size() < kMostFaults) faults_.push_back("line " + std::to_string(line_) + ": " + what);
   }
@@ -286,7 +292,7 @@ class Checker {
         }
         if (spindle_) complain("a tool change with the spindle on");
         tool_ = static_cast<int>(selected_);
-        place_ = {};  // the operator may move the machine
+        place_ = unknown_place();  // the operator may move the machine
         risen_ = false;
         break;
       case 7:
@@ -491,7 +497,7 @@ class Checker {
   bool smooth_ = false;
   bool ended_ = false;
   int percents_ = 0;
-  Place place_;
+  Place place_ = unknown_place();
   std::size_t next_ = 0;  // planned move that the next block must fulfil
 };
 

@@ -413,6 +413,60 @@ TEST(Dialects, MutationsAreCaught) {
   }
 }
 
+TEST(Dialects, EveryMachineFileGetsAProgram) {
+  for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines")) {
+    const MachineModel machine = read_machine(entry.path());
+    ToolPath path = test::fixed_rows(0, 0, 2, 9);
+    path.spindle_rpm = std::min(path.spindle_rpm, machine.max_spindle_rpm);
+    const Made made = make(machine, work_on_table(machine, {12, -17, 30}, 54), path, with_decimals(4));
+    EXPECT_GT(made.program.blocks, 30u) << entry.path();
+  }
+}
+
+TEST(Dialects, ThreeAxesHaveNoRotaryWordAndPark) {
+  const MachineModel machine = read_machine(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines/router_grblhal.toml");
+  const WorkSetup setup = work_on_table(machine, {0, 0, 30}, 54);
+  ToolPath path = test::fixed_rows(0, 0, 2, 9);
+  path.spindle_rpm = 20000;
+  const Made made = make(machine, setup, path);
+  for (const std::string& line : lines_of(made.program.text)) {
+    if (line.front() == '(') continue;
+    EXPECT_EQ(line.find_first_of("ABC"), std::string::npos) << line;
+  }
+  EXPECT_THAT(made.program.text, HasSubstr("G53 G0 X-190 Y190\nG49\nM30"));
+  EXPECT_THROW(plan_motion(machine, setup, test::fixed_rows(0.2, 0, 2, 9)), InputError);
+  EXPECT_THROW(plan_motion(machine, setup, test::lead_rows(0.2, 2, 9)), InputError);
+}
+
+// A fork head on a table machine's travels: the plan keeps the tip on its line also where the head carries the tool.
+TEST(Dialects, HeadsTurnInTheCut) {
+  for (const Chain chain : {Chain::kHeadTable, Chain::kHeadHead}) {
+    MachineModel machine = test::hostile_machine();
+    machine.chain = chain;
+    machine.outer.on_head = true;
+    machine.inner.on_head = chain == Chain::kHeadHead;
+    machine.outer.direction = 1;
+    machine.outer.point_mm = {3, -2, 40};
+    if (machine.inner.on_head) machine.inner.point_mm = {-5, 4, 0};
+    if (machine.inner.on_head) machine.inner.direction = 1;
+    const WorkSetup setup = work_on_table(machine, {23, -17, 100}, 54);
+    const Made made = make(machine, setup, test::lead_rows(20 * kDeg, 2, 12));
+    EXPECT_GT(made.motion.max_tip_error_um, 0);
+    EXPECT_LE(made.motion.max_tip_error_um, 0.2);
+    const ToolPose end = forward(machine, setup, 85, made.motion.moves.back().joints);
+    EXPECT_LT((end.tip_mm - made.path.moves.back().pose.tip_mm).norm(), 1e-9);
+    EXPECT_LT((end.axis - made.path.moves.back().pose.axis).norm(), 1e-9);
+  }
+}
+
+TEST(Dialects, PositioningMachinesDoNotTurnInTheCut) {
+  MachineModel machine = test::hostile_machine();
+  machine.simultaneous = false;
+  const WorkSetup setup = work_on_table(machine, {12, -17, 30}, 54);
+  EXPECT_NO_THROW(plan_motion(machine, setup, test::fixed_rows(0.3, 1, 2, 9)));
+  EXPECT_THROW(plan_motion(machine, setup, test::lead_rows(0.3, 2, 9)), InputError);
+}
+
 TEST(Dialects, RefuseWhatTheyCannotWrite) {
   MachineModel machine = test::hostile_machine();
   const WorkSetup setup = work_on_table(machine, {12, -17, 30}, 55);
