@@ -360,7 +360,7 @@ Made make_for(const std::string& controller, bool turning) {
   MachineModel machine = test::hostile_machine();
   machine.controller = controller;
   const WorkSetup setup = work_on_table(machine, {23, -17, 30}, 54);
-  return make(machine, setup, turning ? test::lead_rows(20 * kDeg, 2, 12) : test::fixed_rows(30 * kDeg, 70 * kDeg, 3, 20),
+  return make(machine, setup, turning ? test::lead_rows(20 * kDeg, 2, 5) : test::fixed_rows(30 * kDeg, 70 * kDeg, 2, 8),
               with_decimals(4));
 }
 
