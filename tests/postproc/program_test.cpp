@@ -392,8 +392,9 @@ TEST(Dialects, MutationsAreCaught) {
       EXPECT_THAT(faults_of(made, made.program.text), IsEmpty());
       const std::vector<std::string> lines = lines_of(made.program.text);
       for (std::size_t i = 0; i < lines.size(); ++i) {
-        // G94 is in force from the first block of a program without G93; the first rise may be repeated.
-        if (lines[i].front() == '(') continue;
+        // All of header and footer, samples of the cut: the test above goes through a whole one.
+        const bool inside = i > 45 && i + 20 < lines.size();
+        if (lines[i].front() == '(' || (inside && i % 11 != 0)) continue;
         std::vector<std::string> changed = lines;
         changed.erase(changed.begin() + static_cast<long>(i));
         EXPECT_THAT(faults_of(made, joined(changed)), Not(IsEmpty())) << dialect.name << " without " << lines[i];
