@@ -54,6 +54,12 @@ ToolPose WorkpieceView::cutter(const JointPosition& joints, double length_mm) {
   return {to_work_ * tip_M + shift_, to_work_.col(2)};
 }
 
+JointPosition WorkpieceView::joints(const Vec3& tip_mm, double outer_rad, double inner_rad, double length_mm) {
+  if (outer_rad != outer_rad_ || inner_rad != inner_rad_) turn_table(outer_rad, inner_rad);
+  const Vec3 tip_M = to_work_.transpose() * (tip_mm - shift_);
+  return {tip_M.x(), tip_M.y(), tip_M.z() + length_mm, outer_rad, inner_rad};
+}
+
 void WorkpieceView::sweep(const Motion& motion, double length_mm, const SweepTolerance& tolerance,
                           std::vector<SweptMove>& pieces) {
   const JointPosition &a = motion.from, &b = motion.to;

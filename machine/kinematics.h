@@ -28,6 +28,9 @@ class WorkpieceView {
   /// Tip and axis in the workpiece frame for a cutter that reaches `length_mm` below the gauge point.
   ToolPose cutter(const JointPosition& joints, double length_mm);
 
+  /// Where the axes must stand for the tip to be at `tip_mm` of the workpiece frame with the rotary axes as given.
+  JointPosition joints(const Vec3& tip_mm, double outer_rad, double inner_rad, double length_mm);
+
   /// Appends the pieces of a straight joint move (fields line, rapid, spindle_on from `motion`, seconds shared out
   /// evenly).
   void sweep(const Motion& motion, double length_mm, const SweepTolerance& tolerance, std::vector<SweptMove>& pieces);

@@ -1,0 +1,233 @@
+#include "machine/detail/reader_core.h"
+
+#include "design/core/errors.h"
+
+namespace lightmill {
+
+namespace detail {
+
+namespace {
+constexpr double kChordError_mm = 1e-4;
+constexpr double kTipError_mm = 5e-5;
+constexpr int kMostChords = 100000;
+}  // namespace
+
+bool read_digits(const char*& at, const char* end, double& value, bool* has_point) {
+  static constexpr double kPowers[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8, 1e9,
+                                       1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18};
+  const char* p = at;
+  std::uint64_t digits = 0;
+  int decimals = 0, count = 0;
+  bool point = false, any = false;
+  for (; p != end; ++p) {
+    if (*p >= '0' && *p <= '9') {
+      any = true;
+      if (count >= 18 || decimals >= 18) {
+        if (!point) return false;
+        continue;  // beyond what a double holds
+      }
+      digits = digits * 10 + static_cast<std::uint64_t>(*p - '0');
+      if (digits != 0) ++count;
+      if (point) ++decimals;
+    } else if (*p == '.' && !point) {
+      point = true;
+    } else {
+      break;
+    }
+  }
+  if (!any) return false;
+  value = static_cast<double>(digits) / kPowers[decimals];
+  if (has_point != nullptr) *has_point = point;
+  at = p;
+  return true;
+}
+
+ReaderCore::ReaderCore(const MachineModel& m, const ReaderSetup& s,
+                       const std::function<void(const ProgramStep&)>& on_step)
+    : setup(s), machine(m), on_step_(on_step), view_(m, Vec3::Zero()), joints_(s.start) {
+  renew();
+}
+
+int ReaderCore::axis_of(char letter) const {
+  if (letter >= 'X' && letter <= 'Z') return letter - 'X';
+  if (letter == machine.outer.letter) return 3;
+  return letter == machine.inner.letter ? 4 : -1;
+}
+
+AxisValues ReaderCore::to_joints(const AxisValues& program) {
+  AxisValues q;
+  for (std::size_t i = 0; i < 5; ++i) q[i] = program[i] + offset_[i];
+  if (tcp_) {
+    const JointPosition j = view_.joints({q[0], q[1], q[2]}, q[3], q[4], length_mm_);
+    return {j.x_mm, j.y_mm, j.z_mm, q[3], q[4]};
+  }
+  q[2] += length_mm_;
+  return q;
+}
+
+void ReaderCore::renew() {
+  if (tcp_) {
+    const Vec3 tip = view_.cutter({joints_[0], joints_[1], joints_[2], joints_[3], joints_[4]}, length_mm_).tip_mm;
+    here_ = {tip.x(), tip.y(), tip.z(), joints_[3], joints_[4]};
+    for (std::size_t i = 0; i < 5; ++i) here_[i] -= offset_[i];
+    return;
+  }
+  for (std::size_t i = 0; i < 5; ++i) here_[i] = joints_[i] - offset_[i];
+  here_[2] -= length_mm_;
+}
+
+void ReaderCore::pass(const AxisValues& to, bool rapid, double seconds, bool whole) {
+  ProgramStep step;
+  step.line = line;
+  step.rapid = rapid;
+  step.tcp = tcp_;
+  step.seconds = seconds;
+  int pieces = 1;
+  const double turn = std::abs(to[3] - here_[3]) + std::abs(to[4] - here_[4]);
+  const AxisValues from = here_;
+  const auto at = [&](double t) {
+    AxisValues p;
+    for (std::size_t i = 0; i < 5; ++i) p[i] = from[i] + t * (to[i] - from[i]);
+    return p;
+  };
+  if (tcp_ && turn > 0) {
+    // The axes go straight between the points they are given; the tip must not leave its own line meanwhile.
+    const int chunks = static_cast<int>(std::min(10000.0, 1 + turn / (5 * kRadPerDegree)));
+    double worst = 0;
+    for (int i = 0; i < chunks; ++i) {
+      const AxisValues a = to_joints(at(static_cast<double>(i) / chunks)), b = to_joints(at((i + 1.0) / chunks)),
+                       m = to_joints(at((i + 0.5) / chunks));
+      worst = std::max(worst, std::hypot(m[0] - (a[0] + b[0]) / 2, m[1] - (a[1] + b[1]) / 2, m[2] - (a[2] + b[2]) / 2));
+    }
+    const double finer = std::ceil(std::sqrt(worst / kTipError_mm));
+    if (!(finer * chunks <= kMostChords)) reject(1, "the rotary axes turn too far in one block");
+    pieces = std::max(1, static_cast<int>(finer)) * chunks;
+    if (worst < kTipError_mm && chunks == 1) pieces = 1;
+  }
+  step.seconds /= pieces;
+  for (int i = 1; i <= pieces; ++i) {
+    step.whole = whole && i == pieces;
+    step.programmed = i == pieces ? to : at(static_cast<double>(i) / pieces);
+    step.target = to_joints(step.programmed);
+    for (const double q : step.target) {
+      if (!(std::abs(q) < 1e7)) reject(1, "a coordinate beyond any machine");
+    }
+    on_step_(step);
+  }
+  here_ = to;
+  joints_ = step.target;
+}
+
+void ReaderCore::move(const AxisValues& to, bool rapid, double seconds) {
+  pass(to, rapid, seconds, true);
+}
+
+void ReaderCore::move_joints(const AxisValues& to, bool rapid, double seconds) {
+  if (tcp_) reject(1, "machine coordinates while tool-centre-point control is on");
+  AxisValues program;
+  for (std::size_t i = 0; i < 5; ++i) program[i] = to[i] - offset_[i];
+  program[2] -= length_mm_;
+  move(program, rapid, seconds);
+}
+
+void ReaderCore::arc(const AxisValues& to, int u, int v, double cu, double cv, double turn, double seconds) {
+  const AxisValues from = here_;
+  const double r0 = std::hypot(from[u] - cu, from[v] - cv), r1 = std::hypot(to[u] - cu, to[v] - cv),
+               r = std::max(r0, r1);
+  const double a0 = std::atan2(from[v] - cv, from[u] - cu);
+  const double most = r > kChordError_mm ? 2 * std::acos(1 - kChordError_mm / r) : kPi;
+  const double wanted = std::ceil(std::abs(turn) / most);
+  if (!(wanted <= kMostChords)) reject(1, "the arc is too long");
+  const int count = std::max(1, static_cast<int>(wanted));
+  for (int n = 1; n <= count; ++n) {
+    const double t = static_cast<double>(n) / count, radius = r0 + t * (r1 - r0);
+    AxisValues p = to;
+    if (n < count) {
+      for (std::size_t i = 0; i < 5; ++i) p[i] = from[i] + t * (to[i] - from[i]);
+      p[u] = cu + radius * std::cos(a0 + t * turn);
+      p[v] = cv + radius * std::sin(a0 + t * turn);
+    }
+    pass(p, false, seconds / count, n == count);
+  }
+}
+
+void ReaderCore::say(ProgramStep::Kind kind, int number, double value) {
+  ProgramStep step;
+  step.kind = kind;
+  step.line = line;
+  step.number = number;
+  if (kind == ProgramStep::kDwell) step.seconds = value;
+  if (kind == ProgramStep::kSpindle) step.rpm = value;
+  step.target = joints_;
+  step.programmed = here_;
+  on_step_(step);
+}
+
+void ReaderCore::set_offset(const AxisValues& offset) {
+  offset_ = offset;
+  renew();
+}
+void ReaderCore::set_length(double length_mm) {
+  length_mm_ = length_mm;
+  renew();
+}
+void ReaderCore::set_tcp(bool on) {
+  tcp_ = on;
+  renew();
+}
+
+double ReaderCore::tool_length(int number, int column) const {
+  if (number == 0) return 0;
+  const auto found = setup.tool_length_mm.find(number);
+  if (found == setup.tool_length_mm.end())
+    reject(column, "tool " + std::to_string(number) + " is not in the tool table");
+  return found->second;
+}
+
+double ReaderCore::seconds_at(const AxisValues& to, double feed_per_min) const {
+  const double linear = std::hypot(to[0] - here_[0], to[1] - here_[1], to[2] - here_[2]);
+  const double angular = std::hypot(to[3] - here_[3], to[4] - here_[4]) / kRadPerDegree;
+  return (linear > 0 ? linear : angular) * 60 / feed_per_min;
+}
+
+void centre_by_radius(double u0, double v0, double u1, double v1, double r, bool clockwise, int column, double& cu,
+                      double& cv) {
+  const double du = u1 - u0, dv = v1 - v0, chord = std::hypot(du, dv);
+  if (chord == 0) reject(column, "an arc by radius needs an end apart from its start");
+  double square = 4 * r * r - chord * chord;
+  if (square < -1e-3 * chord) reject(column, "the arc's radius is too small to reach its end");
+  square = std::max(square, 0.0);
+  double h = std::sqrt(square) / (2 * chord);
+  if (clockwise != (r < 0)) h = -h;
+  cu = u0 + du / 2 - dv * h;
+  cv = v0 + dv / 2 + du * h;
+}
+
+std::vector<std::string_view> split_lines(std::string_view text) {
+  std::vector<std::string_view> lines;
+  while (!text.empty()) {
+    const std::size_t end = text.find('\n');
+    std::string_view line = text.substr(0, end);
+    if (line.ends_with('\r')) line.remove_suffix(1);
+    lines.push_back(line);
+    if (end == std::string_view::npos) break;
+    text.remove_prefix(end + 1);
+  }
+  return lines;
+}
+
+}  // namespace detail
+
+ReaderDialect reader_dialect(std::string_view name) {
+  if (name == "linuxcnc") return ReaderDialect::kLinuxCnc;
+  if (name == "fanuc") return ReaderDialect::kFanuc;
+  throw InputError("dialect '" + std::string(name) + "' is not read: use linuxcnc or fanuc");
+}
+
+ReadResult read_program(std::string_view text, ReaderDialect dialect, const MachineModel& machine,
+                        const ReaderSetup& setup, const std::function<void(const ProgramStep&)>& on_step) {
+  detail::ReaderCore core(machine, setup, on_step);
+  return detail::read_word_program(text, dialect == ReaderDialect::kFanuc, core);
+}
+
+}  // namespace lightmill

@@ -1,0 +1,102 @@
+// What all controls that run files have in common: offsets, tool length, TCP, straight moves and arcs.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "machine/kinematics.h"
+#include "machine/program_reader.h"
+
+namespace lightmill::detail {
+
+inline constexpr double kRadPerDegree = kPi / 180;
+inline constexpr double kMmPerInch = 25.4;
+
+/// Thrown inside a reader; read_program() turns it into a ProgramError.
+struct ReaderError {
+  int column;
+  std::string rule;
+};
+
+[[noreturn]] inline void reject(int column, std::string rule) {
+  throw ReaderError{column, std::move(rule)};
+}
+
+/// [digits][.digits] without sign or exponent at `at`, which moves behind it; false if there is no digit. Exact up to
+/// 15 digits.
+bool read_digits(const char*& at, const char* end, double& value, bool* has_point = nullptr);
+
+/// The machine as the control holds it.
+class ReaderCore {
+ public:
+  ReaderCore(const MachineModel& machine, const ReaderSetup& setup,
+             const std::function<void(const ProgramStep&)>& on_step);
+
+  /// Index in AxisValues of an axis letter, or -1.
+  [[nodiscard]] int axis_of(char letter) const;
+  /// Program coordinates of where the machine stands.
+  [[nodiscard]] const AxisValues& here() const { return here_; }
+  [[nodiscard]] const AxisValues& joints() const { return joints_; }
+
+  /// Straight, in program coordinates. `seconds` 0 for rapids.
+  void move(const AxisValues& to, bool rapid, double seconds);
+  /// Straight in machine coordinates, whatever the offsets; not under TCP.
+  void move_joints(const AxisValues& to, bool rapid, double seconds);
+  /// An arc to `to` about `centre` (in the plane's axes u, v), turning by `turn_rad` (its sign is the sense from u to
+  /// v).
+  void arc(const AxisValues& to, int u, int v, double centre_u, double centre_v, double turn_rad, double seconds);
+  void say(ProgramStep::Kind kind, int number = 0, double value = 0);
+
+  // Changing any of these leaves the machine where it is and renews here().
+  void set_offset(const AxisValues& offset);
+  void set_length(double length_mm);
+  void set_tcp(bool on);
+  [[nodiscard]] bool tcp() const { return tcp_; }
+  [[nodiscard]] double length_mm() const { return length_mm_; }
+  [[nodiscard]] double tool_length(int number, int column) const;
+
+  /// Time of a move at a feed over the linear axes, or over the angles (degrees) if only those move.
+  [[nodiscard]] double seconds_at(const AxisValues& to, double feed_per_min) const;
+
+  long line = 0;
+  const ReaderSetup& setup;
+  const MachineModel& machine;
+
+ private:
+  [[nodiscard]] AxisValues to_joints(const AxisValues& program);
+  void renew();
+  void pass(const AxisValues& to, bool rapid, double seconds, bool whole);
+  const std::function<void(const ProgramStep&)>& on_step_;
+  WorkpieceView view_;
+  AxisValues here_{}, joints_{}, offset_{};
+  double length_mm_ = 0;
+  bool tcp_ = false;
+};
+
+/// The turn of an arc from angle a0 to a1: coincident ends are a full turn.
+inline double turn_between(double a0, double a1, bool clockwise) {
+  constexpr double kSameAngle = 1e-9;
+  double turn = a1 - a0;
+  if (clockwise) {
+    while (turn >= -kSameAngle) turn -= 2 * kPi;
+    while (turn < -2 * kPi - kSameAngle) turn += 2 * kPi;
+  } else {
+    while (turn <= kSameAngle) turn += 2 * kPi;
+    while (turn > 2 * kPi + kSameAngle) turn -= 2 * kPi;
+  }
+  return turn;
+}
+
+/// Centre of the arc of radius r between two points: negative r takes the long way.
+void centre_by_radius(double u0, double v0, double u1, double v1, double r, bool clockwise, int column, double& cu,
+                      double& cv);
+
+/// RS274/NGC as LinuxCNC reads it, or Fanuc's.
+ReadResult read_word_program(std::string_view text, bool fanuc, ReaderCore& core);
+
+/// The text's lines without their ends.
+std::vector<std::string_view> split_lines(std::string_view text);
+
+}  // namespace lightmill::detail

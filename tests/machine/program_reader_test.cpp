@@ -1,0 +1,206 @@
+#include "machine/program_reader.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "machine/kinematics.h"
+#include "machine_rig.h"
+
+namespace lightmill {
+namespace {
+
+constexpr double kRad = kPi / 180;
+
+struct Reading {
+  ReadResult result;
+  std::vector<ProgramStep> steps, moves;  ///< moves: the programmed points
+};
+
+Reading read(const std::string& text, ReaderDialect dialect = ReaderDialect::kLinuxCnc, long most_blocks = 100000) {
+  ReaderSetup setup;
+  setup.offsets[0] = {10, -5, -400, 0, 0};
+  setup.tool_length_mm = {{1, 80}, {3, 85}};
+  setup.most_blocks = most_blocks;
+  Reading reading;
+  const MachineModel machine = test::skew_machine();
+  reading.result = read_program(text, dialect, machine, setup, [&](const ProgramStep& step) {
+    reading.steps.push_back(step);
+    if (step.kind == ProgramStep::kMove && step.whole) reading.moves.push_back(step);
+  });
+  return reading;
+}
+
+void expect_refused(const std::string& text, const std::string& rule, long line,
+                    ReaderDialect dialect = ReaderDialect::kLinuxCnc) {
+  const Reading r = read(text, dialect);
+  ASSERT_TRUE(r.result.error) << text;
+  EXPECT_NE(r.result.error->rule.find(rule), std::string::npos) << text << ": " << r.result.error->rule;
+  EXPECT_EQ(r.result.error->line, line) << text;
+  EXPECT_GE(r.result.error->column, 1);
+}
+
+TEST(ProgramReader, ArcsInEveryPlaneKeepTheirRadius) {
+  const struct {
+    const char* text;
+    int u, v;
+  } cases[] = {{"G17 G0 X30 Y0 Z0\nG3 X0 Y30 Z2 I-30 J0 F1000\nM2\n", 0, 1},
+               {"G18 G0 Z30 X0 Y0\nG3 Z0 X30 Y2 K-30 I0 F1000\nM2\n", 2, 0},
+               {"G19 G0 Y30 Z0 X0\nG3 Y0 Z30 X2 R30 F1000\nM2\n", 1, 2}};
+  for (const auto& c : cases) {
+    const Reading r = read(c.text);
+    ASSERT_FALSE(r.result.error) << r.result.error->rule;
+    double seconds = 0;
+    for (const ProgramStep& step : r.steps) {
+      if (step.kind != ProgramStep::kMove || step.rapid) continue;
+      EXPECT_NEAR(std::hypot(step.programmed[c.u], step.programmed[c.v]), 30, 1e-9);
+      EXPECT_GE(step.programmed[c.u], -1e-9);
+      EXPECT_GE(step.programmed[c.v], -1e-9);
+      seconds += step.seconds;
+    }
+    EXPECT_NEAR(seconds, 0.06 * std::hypot(15 * kPi, 2), 1e-9);
+  }
+}
+
+TEST(ProgramReader, ExpressionsLoopsAndSubprograms) {
+  const Reading r = read(
+      "o100 sub\n#<r> = [#1 * 2]\nG1 X#<r> Y[#2 ** 2 + 1] F100\no100 endsub\n#5=1\no1 while [#5 le 3]\no100 call [#5] "
+      "[#5+1]\n#5=[#5+1]\n"
+      "o1 endwhile\no2 if [1 eq 2]\nX99\no2 elseif [#5 eq 4]\nX-1\no2 else\nX98\no2 endif\no3 repeat [2]\nG91 X5\no3 "
+      "endrepeat\n"
+      "G90 X[atan[1]/[1]] Y[-sin[30]] Z[2 - 3 - 4]\nM2\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), 7U);
+  for (int i = 1; i <= 3; ++i) {
+    EXPECT_DOUBLE_EQ(r.moves[static_cast<std::size_t>(i) - 1].programmed[0], 2 * i);
+    EXPECT_DOUBLE_EQ(r.moves[static_cast<std::size_t>(i) - 1].programmed[1], (i + 1) * (i + 1) + 1);
+  }
+  EXPECT_DOUBLE_EQ(r.moves[3].programmed[0], -1);
+  EXPECT_DOUBLE_EQ(r.moves[5].programmed[0], 9);
+  EXPECT_NEAR(r.moves[6].programmed[0], 45, 1e-12);
+  EXPECT_NEAR(r.moves[6].programmed[1], -0.5, 1e-12);
+  EXPECT_NEAR(r.moves[6].programmed[2], -5, 1e-12);
+}
+
+TEST(ProgramReader, OffsetsLengthsAndMachineCoordinates) {
+  const Reading r =
+      read("T3 M6 G43 H3\nG0 X1 Z2\nG10 L2 P2 X100 Y0 Z0\nG55 X1\nG53 G0 Z0\nG54 G92 X7\nG0 X8\nG92.1\nG0 X8\nM2\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), 5U);
+  EXPECT_EQ(r.moves[0].target, (AxisValues{11, 0, -313, 0, 0}));
+  EXPECT_EQ(r.moves[1].target[0], 101);
+  EXPECT_EQ(r.moves[2].target[2], 0);
+  EXPECT_EQ(r.moves[3].target[0], 102) << "one beyond where G92 called it 7";
+  EXPECT_EQ(r.moves[4].target[0], 18);
+}
+
+// With tool-centre-point control the tip keeps its line while the table turns; the joints come from the machine file
+// alone.
+TEST(ProgramReader, TheTipKeepsItsLineUnderTcp) {
+  const std::string moves = "G1 X1. Y2. Z30. B10. C20. F1000.\nX5. Y-3. Z31. B-20. C75.\n";
+  const std::string fanuc = "%\nO1000\nT3 M6\nG90 G54 G0 X0. Y0. Z100.\nG43.4 H3\n" + moves + "G49\nM30\n%\n";
+  const std::string linuxcnc = "T3 M6\nG90 G54 G43 H3\nG0 X0 Y0 Z15\nM428\n" + moves + "M429\nM2\n";
+  WorkpieceView view(test::skew_machine(), {10, -5, -400});
+  for (const bool is_fanuc : {true, false}) {
+    const Reading r = read(is_fanuc ? fanuc : linuxcnc, is_fanuc ? ReaderDialect::kFanuc : ReaderDialect::kLinuxCnc);
+    ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+    const ProgramStep* before = nullptr;
+    int turning = 0;
+    for (const ProgramStep& step : r.steps) {
+      if (step.kind == ProgramStep::kMove && step.tcp) {
+        const auto pose = [&](const AxisValues& q) { return view.cutter({q[0], q[1], q[2], q[3], q[4]}, 85).tip_mm; };
+        const Vec3 planned(step.programmed[0], step.programmed[1], step.programmed[2]);
+        EXPECT_LT((pose(step.target) - planned).norm(), 1e-10);
+        if (before != nullptr && before->tcp) {
+          ++turning;
+          AxisValues middle{};
+          for (std::size_t i = 0; i < 5; ++i) middle[i] = (step.target[i] + before->target[i]) / 2;
+          const Vec3 from(before->programmed[0], before->programmed[1], before->programmed[2]);
+          EXPECT_LT((pose(middle) - (from + planned) / 2).norm(), 6e-5) << "between two chords' ends";
+        }
+      }
+      if (step.kind == ProgramStep::kMove) before = &step;
+    }
+    EXPECT_GT(turning, 10);
+    EXPECT_EQ(r.moves.back().programmed[4], 75 * kRad);
+  }
+}
+
+TEST(ProgramReader, DrillsAsTheCycleSays) {
+  const Reading r = read("G0 Z20\nG99 G81 X10 Y5 Z-3 R2 F100\nX20\nG98 X30\nG80\nM2\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->rule;
+  int bottoms = 0;
+  for (const ProgramStep& step : r.moves) bottoms += !step.rapid && step.programmed[2] == -3;
+  EXPECT_EQ(bottoms, 3);
+  EXPECT_EQ(r.moves.back().programmed[2], 2) << "R is the level before the last hole";
+}
+
+TEST(ProgramReader, FanucCallsSubprograms) {
+  const Reading r = read("%\nO1\nG91\nM98 P200 L3\nM30\nO200\nG0 X2.\nM99\n%\n", ReaderDialect::kFanuc);
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), 3U);
+  EXPECT_EQ(r.moves.back().target[0], 6);
+}
+
+TEST(ProgramReader, RefusesWhatItCannotObeyWithLineAndRule) {
+  expect_refused("G21\nG1 X1\nM2\n", "feed", 2);
+  expect_refused("G93 G1 X1 F1\nX2\nM2\n", "F is missing", 2);
+  expect_refused("G90 G91\nM2\n", "modal group", 1);
+  expect_refused("G41 D1\nM2\n", "not known", 1);
+  expect_refused("G43.4 H1\nM2\n", "not known", 1);
+  expect_refused("M128\nM2\n", "not known", 1);
+  expect_refused("G0 A1\nM2\n", "not known to this machine", 1);
+  expect_refused("G0 X1 X2\nM2\n", "repeated", 1);
+  expect_refused("G0 X1e5\nM2\n", "word E", 1);
+  expect_refused("G0 X[1/0]\nM2\n", "no number", 1);
+  expect_refused("G0 X#<nothing>\nM2\n", "never set", 1);
+  expect_refused("G0 X1 P2\nM2\n", "no use", 1);
+  expect_refused("T7 M6\nM2\n", "tool table", 1);
+  expect_refused("G2 X10 Y0 I1 J0 F100\nM2\n", "do not fit", 1);
+  expect_refused("G0 X1\n", "ends without", 1);
+  expect_refused("o1 while [1]\no1 endwhile\nM2\n", "does not end", 1);
+  expect_refused("o1 sub\no1 call\no1 endsub\no1 call\nM2\n", "too deeply", 2);
+  expect_refused("O1\nG0 X10\nM30\n", "decimal point", 2, ReaderDialect::kFanuc);
+  expect_refused("O1\nM98 P9\nM30\n", "not in this file", 2, ReaderDialect::kFanuc);
+  expect_refused("O1\nG0 X#1\nM30\n", "number", 2, ReaderDialect::kFanuc);
+}
+
+// Seeded mutations of a program: an error or motion, never a crash, a hang or a place that is no number.
+TEST(ProgramReader, SurvivesMutatedPrograms) {
+  const std::string seed =
+      "%\no1 sub\nG1 X#1 Y[#2*2] F100\no1 endsub\nN10 T1 M6 G43 H1\no1 call [1] [2]\nG2 X3 I1 J0\nM428\nG93 X1 B10 C20 "
+      "F10\nM429\n"
+      "G94 G81 X1 Z-1 R2 F5\no2 while [#5 lt 3]\n#5=[#5+1]\no2 endwhile\no3 if [#5 gt 1]\nX1\no3 else\nX2\no3 "
+      "endif\nM2\n%\n";
+  std::mt19937 random(7);
+  const std::string letters = "GMXYZBCFIJKLOPQRST#[]<>()%/*+-.=0123456789 \n\t";
+  for (int run = 0; run < 3000; ++run) {
+    std::string text = seed;
+    for (unsigned n = random() % 6 + 1; n > 0; --n) {
+      const std::size_t at = random() % text.size();
+      switch (random() % 3) {
+        case 0:
+          text[at] = random() % 8 ? letters[random() % letters.size()] : static_cast<char>(random());
+          break;
+        case 1:
+          text.erase(at, random() % 9 + 1);
+          break;
+        default:
+          text.insert(at, text.substr(random() % text.size(), random() % 20));
+          break;
+      }
+      if (text.empty()) text = "X";
+    }
+    for (const ReaderDialect dialect : {ReaderDialect::kLinuxCnc, ReaderDialect::kFanuc}) {
+      const Reading r = read(text, dialect, 500);
+      for (const ProgramStep& step : r.moves) {
+        for (const double q : step.target) ASSERT_TRUE(std::isfinite(q)) << run;
+        ASSERT_TRUE(std::isfinite(step.seconds) && step.seconds >= 0) << run;
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace lightmill
