@@ -13,9 +13,9 @@
 
 namespace lightmill {
 
-enum class ReaderDialect { kLinuxCnc, kFanuc };
+enum class ReaderDialect { kLinuxCnc, kFanuc, kHeidenhain };
 
-/// "linuxcnc", "fanuc"; throws InputError for any other name.
+/// "linuxcnc", "fanuc", "heidenhain" (conversational); throws InputError for any other name.
 ReaderDialect reader_dialect(std::string_view name);
 
 /// X, Y, Z, outer, inner; mm and rad.
@@ -23,7 +23,7 @@ using AxisValues = std::array<double, 5>;
 
 /// What the operator has entered at the control.
 struct ReaderSetup {
-  std::array<AxisValues, 9> offsets{};   ///< G54, G55 ... G59, G59.1, G59.2, G59.3
+  std::array<AxisValues, 9> offsets{};   ///< G54, G55 ... G59, G59.1, G59.2, G59.3; datums 1 to 9 on Heidenhain
   std::map<int, double> tool_length_mm;  ///< tool table
   AxisValues start{};                    ///< machine coordinates
   long most_blocks = 100'000'000;        ///< executed; a program that needs more does not end

@@ -221,12 +221,14 @@ std::vector<std::string_view> split_lines(std::string_view text) {
 ReaderDialect reader_dialect(std::string_view name) {
   if (name == "linuxcnc") return ReaderDialect::kLinuxCnc;
   if (name == "fanuc") return ReaderDialect::kFanuc;
-  throw InputError("dialect '" + std::string(name) + "' is not read: use linuxcnc or fanuc");
+  if (name == "heidenhain") return ReaderDialect::kHeidenhain;
+  throw InputError("dialect '" + std::string(name) + "' is not read: use linuxcnc, fanuc or heidenhain");
 }
 
 ReadResult read_program(std::string_view text, ReaderDialect dialect, const MachineModel& machine,
                         const ReaderSetup& setup, const std::function<void(const ProgramStep&)>& on_step) {
   detail::ReaderCore core(machine, setup, on_step);
+  if (dialect == ReaderDialect::kHeidenhain) return detail::read_heidenhain(text, core);
   return detail::read_word_program(text, dialect == ReaderDialect::kFanuc, core);
 }
 

@@ -95,6 +95,8 @@ void centre_by_radius(double u0, double v0, double u1, double v1, double r, bool
 
 /// RS274/NGC as LinuxCNC reads it, or Fanuc's.
 ReadResult read_word_program(std::string_view text, bool fanuc, ReaderCore& core);
+/// Heidenhain conversational.
+ReadResult read_heidenhain(std::string_view text, ReaderCore& core);
 
 /// The text's lines without their ends.
 std::vector<std::string_view> split_lines(std::string_view text);

@@ -143,6 +143,44 @@ TEST(ProgramReader, FanucCallsSubprograms) {
   EXPECT_EQ(r.moves.back().target[0], 6);
 }
 
+TEST(ProgramReader, HeidenhainSpeaksInMovesAndCycles) {
+  const Reading r = read(
+      "0 BEGIN PGM LENS MM\n1 BLK FORM 0.1 Z X-30 Y-30 Z-10\n2 CYCL DEF 247 DATUM SETTING ~\n  Q339=+1\n3 TOOL CALL 3 "
+      "Z S20000\n"
+      "4 CYCL DEF 32.0 TOLERANCE\n5 CYCL DEF 32.1 T0.003\n6 L Z-1 R0 FMAX M91\n7 L X+0 Y+0 R0 FMAX M3\n8 L Z+30 FMAX\n"
+      "9 L X+30 F1000\n10 CC X+0 Y+0\n11 C X+0 Y+30 DR+\n12 CR X+30 Y+0 R+30 DR-\n13 LBL 1\n14 L IX+1\n15 CALL LBL 1 "
+      "REP2\n"
+      "16 M128\n17 L X+1 Y+2 Z+30 B+10 C-170\n18 L C+170 M126\n19 M129\n20 L Z-1 R0 FMAX M91 M5\n21 END PGM LENS MM\n",
+      ReaderDialect::kHeidenhain);
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  EXPECT_TRUE(r.result.ended);
+  ASSERT_EQ(r.moves.size(), 12U);
+  EXPECT_EQ(r.moves[0].target[2], -1);
+  EXPECT_EQ(r.moves[2].target, (AxisValues{10, -5, -400 + 85 + 30, 0, 0}));
+  EXPECT_DOUBLE_EQ(r.moves[3].seconds, 1.8);
+  EXPECT_EQ(r.moves[8].programmed[0], 33);
+  EXPECT_NEAR(r.moves[10].programmed[4], -190 * kRad, 1e-12) << "the short way with M126";
+  WorkpieceView view(test::skew_machine(), {10, -5, -400});
+  const AxisValues& q = r.moves[9].target;
+  EXPECT_LT((view.cutter({q[0], q[1], q[2], q[3], q[4]}, 85).tip_mm - Vec3(1, 2, 30)).norm(), 1e-10);
+
+  const auto refused = [](const std::string& middle, const std::string& rule) {
+    expect_refused("0 BEGIN PGM A MM\n1 " + middle + "\n2 END PGM A MM\n", rule, 2, ReaderDialect::kHeidenhain);
+  };
+  refused("L X+1 RL F100", "not understood");
+  refused("L X+1", "feed not given");
+  refused("L X1e5 FMAX", "bad number");
+  refused("M116", "not understood");
+  refused("C X+0 Y+1 DR+ F100", "CC");
+  refused("CYCL DEF 200 DRILLING", "cycle 200");
+  refused("CALL LBL 7", "not set");
+  refused("L X+1 FMAX M91 M128", "machine coordinates");
+  expect_refused("0 BEGIN PGM A MM\n2 END PGM A MM\n", "block number 1", 2, ReaderDialect::kHeidenhain);
+  expect_refused("0 BEGIN PGM A MM\n1 END PGM B MM\n", "must name", 2, ReaderDialect::kHeidenhain);
+  expect_refused("0 BEGIN PGM A MM\n1 M128\n2 TOOL CALL 1 Z S5000\n3 END PGM A MM\n", "M129", 3,
+                 ReaderDialect::kHeidenhain);
+}
+
 TEST(ProgramReader, RefusesWhatItCannotObeyWithLineAndRule) {
   expect_refused("G21\nG1 X1\nM2\n", "feed", 2);
   expect_refused("G93 G1 X1 F1\nX2\nM2\n", "F is missing", 2);
@@ -173,10 +211,15 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       "F10\nM429\n"
       "G94 G81 X1 Z-1 R2 F5\no2 while [#5 lt 3]\n#5=[#5+1]\no2 endwhile\no3 if [#5 gt 1]\nX1\no3 else\nX2\no3 "
       "endif\nM2\n%\n";
+  const std::string conversational =
+      "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S5000\n2 L X+1 Y-2 R0 F500 M3\n3 CC X+0 Y-2\n4 C X-1 Y-2 DR+\n5 LBL 1\n6 L "
+      "IX+1 B+5\n"
+      "7 CALL LBL 1 REP3\n8 M128\n9 L C+90 B-10\n10 M129\n11 CYCL DEF 7.0\n12 CYCL DEF 7.1 X+5\n13 CYCL DEF 247 "
+      "~\nQ339=1\n14 END PGM A MM\n";
   std::mt19937 random(7);
   const std::string letters = "GMXYZBCFIJKLOPQRST#[]<>()%/*+-.=0123456789 \n\t";
   for (int run = 0; run < 3000; ++run) {
-    std::string text = seed;
+    std::string text = run % 3 == 0 ? conversational : seed;
     for (unsigned n = random() % 6 + 1; n > 0; --n) {
       const std::size_t at = random() % text.size();
       switch (random() % 3) {
@@ -192,7 +235,7 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       }
       if (text.empty()) text = "X";
     }
-    for (const ReaderDialect dialect : {ReaderDialect::kLinuxCnc, ReaderDialect::kFanuc}) {
+    for (const ReaderDialect dialect : {ReaderDialect::kLinuxCnc, ReaderDialect::kFanuc, ReaderDialect::kHeidenhain}) {
       const Reading r = read(text, dialect, 500);
       for (const ProgramStep& step : r.moves) {
         for (const double q : step.target) ASSERT_TRUE(std::isfinite(q)) << run;
