@@ -25,6 +25,7 @@ class WordReader {
     }
     core_.set_offset(core_.setup.offsets[0]);
     offsets_ = core_.setup.offsets;
+    to_r_level_ = !fanuc;  // LinuxCNC starts in G99, as its rs274 shows
   }
 
   ReadResult run() {
@@ -595,7 +596,7 @@ class WordReader {
           length = code;
           break;
         case 10:
-          to_clearance_ = code == 990;
+          to_r_level_ = code == 990;
           break;
         case 12:
           offset = code >= 591 ? code - 591 + 6 : code / 10 - 54;
@@ -896,7 +897,7 @@ class WordReader {
     if (!(count >= 1 && count <= 10000) || count != std::floor(count))
       reject(word_columns_[index_of('L')], "L counts holes");
     if (cycle_r_ < cycle_z_) reject(1, "R lies below Z");
-    const double back = to_clearance_ ? cycle_r_ : std::max(from[2], cycle_r_);
+    const double back = to_r_level_ ? cycle_r_ : std::max(from[2], cycle_r_);
     AxisValues step{};
     AxisValues at = from;
     for (const int axis : taken_axes()) {
@@ -955,7 +956,7 @@ class WordReader {
   std::array<int, 26> word_columns_{};
   // Modes.
   double unit_ = 1, feed_ = 0, rpm_ = 0;
-  bool incremental_ = false, centre_absolute_ = false, inverse_time_ = false, to_clearance_ = false;
+  bool incremental_ = false, centre_absolute_ = false, inverse_time_ = false, to_r_level_ = false;
   int motion_ = 0, plane_ = 0, spindle_ = 5, tool_ = 0, selected_ = 0, last_cycle_ = -1;
   double cycle_r_ = 0, cycle_z_ = 0, cycle_q_ = 0;
   std::size_t offset_ = 0;
