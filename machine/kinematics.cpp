@@ -34,30 +34,55 @@ Eigen::Matrix3d WorkpieceView::Turn::matrix(double angle_rad) const {
 WorkpieceView::WorkpieceView(const MachineModel& machine, const Vec3& workpiece_origin_mm)
     : outer_{machine.outer.axis.normalized(), machine.outer.point_mm, machine.outer.direction},
       inner_{machine.inner.axis.normalized(), machine.inner.point_mm, machine.inner.direction},
-      origin_(workpiece_origin_mm) {
-  turn_table(0, 0);
+      origin_(workpiece_origin_mm),
+      chain_(machine.chain) {
+  turn(0, 0);
 }
 
-void WorkpieceView::turn_table(double outer_rad, double inner_rad) {
+void WorkpieceView::turn(double outer_rad, double inner_rad) {
   outer_rad_ = outer_rad;
   inner_rad_ = inner_rad;
-  // A point fixed to the table at m (joints zero) stands at P + Ro (Q + Ri (m - Q) - P). Looking back from the machine:
-  // m = Q + Ri^T (P + Ro^T (p_M - P) - Q), and p_W = m - origin.
-  const Eigen::Matrix3d Ro_T = outer_.matrix(outer_rad).transpose(), Ri_T = inner_.matrix(inner_rad).transpose();
-  to_work_ = Ri_T * Ro_T;
-  shift_ = inner_.point + Ri_T * (outer_.point - Ro_T * outer_.point - inner_.point) - origin_;
+  to_work_.setIdentity();
+  shift_ = -origin_;
+  spindle_ = Vec3::UnitZ();
+  head_shift_.setZero();
+  if (chain_ == Chain::kThreeAxis) return;
+  const Eigen::Matrix3d Ro = outer_.matrix(outer_rad), Ri = inner_.matrix(inner_rad);
+  const Vec3 &P = outer_.point, &Q = inner_.point;
+  switch (chain_) {
+    case Chain::kThreeAxis:
+      return;
+    case Chain::kTableTable:
+      // A point fixed to the table at m (joints zero) stands at P + Ro (Q + Ri (m - Q) - P). Looking back from the
+      // machine: m = Q + Ri^T (P + Ro^T (p_M - P) - Q), and p_W = m - origin.
+      to_work_ = Ri.transpose() * Ro.transpose();
+      shift_ = Q + Ri.transpose() * (P - Ro.transpose() * P - Q) - origin_;
+      return;
+    case Chain::kHeadTable:
+      // On the head, seen from the gauge point, v goes to P + Ro (v - P); m on the table to Q + Ri (m - Q).
+      spindle_ = Ro.col(2);
+      head_shift_ = P - Ro * P;
+      to_work_ = Ri.transpose();
+      shift_ = Q - Ri.transpose() * Q - origin_;
+      return;
+    case Chain::kHeadHead:
+      // The inner axis turns the outer one with all that it carries: v goes to Q + Ri (P + Ro (v - P) - Q).
+      spindle_ = Ri * Ro.col(2);
+      head_shift_ = Q + Ri * (P - Ro * P - Q);
+      return;
+  }
 }
 
 ToolPose WorkpieceView::cutter(const JointPosition& joints, double length_mm) {
-  if (joints.outer_rad != outer_rad_ || joints.inner_rad != inner_rad_) turn_table(joints.outer_rad, joints.inner_rad);
-  const Vec3 tip_M(joints.x_mm, joints.y_mm, joints.z_mm - length_mm);
-  return {to_work_ * tip_M + shift_, to_work_.col(2)};
+  if (joints.outer_rad != outer_rad_ || joints.inner_rad != inner_rad_) turn(joints.outer_rad, joints.inner_rad);
+  const Vec3 tip_M = Vec3(joints.x_mm, joints.y_mm, joints.z_mm) + head_shift_ - length_mm * spindle_;
+  return {to_work_ * tip_M + shift_, to_work_ * spindle_};
 }
 
 JointPosition WorkpieceView::joints(const Vec3& tip_mm, double outer_rad, double inner_rad, double length_mm) {
-  if (outer_rad != outer_rad_ || inner_rad != inner_rad_) turn_table(outer_rad, inner_rad);
-  const Vec3 tip_M = to_work_.transpose() * (tip_mm - shift_);
-  return {tip_M.x(), tip_M.y(), tip_M.z() + length_mm, outer_rad, inner_rad};
+  if (outer_rad != outer_rad_ || inner_rad != inner_rad_) turn(outer_rad, inner_rad);
+  const Vec3 gauge_M = to_work_.transpose() * (tip_mm - shift_) - head_shift_ + length_mm * spindle_;
+  return {gauge_M.x(), gauge_M.y(), gauge_M.z(), outer_rad, inner_rad};
 }
 
 void WorkpieceView::sweep(const Motion& motion, double length_mm, const SweepTolerance& tolerance,

@@ -15,10 +15,10 @@ struct SweepTolerance {
   double axis_rad = 0.5 * kPi / 180;  ///< turn of the axis in one piece
 };
 
-/// Where the cutter stands over the work. It follows the table: each rotary axis turns its own line and the workpiece
-/// by direction * angle (Rodrigues' formula about the axis as it lies in the machine file), and the spindle is looked
-/// at from the turned workpiece. Written from the machine file's data alone; it shares nothing with the post. Not
-/// thread safe (keeps the last table position).
+/// Where the cutter stands over the work, for every chain of the machine file. It follows what each rotary axis carries: a
+/// table's axis turns the workpiece, a head's axis the cutter, by direction * angle (Rodrigues' formula about the axis
+/// as it lies in the machine file); then the cutter is looked at from the turned workpiece. Written from the machine file's data alone; it shares nothing with the post. Not
+/// thread safe (keeps the last turns).
 class WorkpieceView {
  public:
   /// `workpiece_origin_mm`: where the workpiece frame's origin stands, machine frame, all joints at zero (axes
@@ -43,10 +43,12 @@ class WorkpieceView {
   };
   Turn outer_, inner_;
   Vec3 origin_;
-  double outer_rad_ = 0, inner_rad_ = 0;  ///< of the table position below
-  Eigen::Matrix3d to_work_;               ///< p_W = to_work_ * p_M + shift_
+  double outer_rad_ = 0, inner_rad_ = 0;  ///< of the turns below
+  Chain chain_;
+  Eigen::Matrix3d to_work_;  ///< p_W = to_work_ * p_M + shift_
   Vec3 shift_;
-  void turn_table(double outer_rad, double inner_rad);
+  Vec3 spindle_, head_shift_;  ///< of the turned head: tip - gauge point = head_shift_ - length * spindle_
+  void turn(double outer_rad, double inner_rad);
 };
 
 }  // namespace lightmill

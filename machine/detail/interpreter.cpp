@@ -172,8 +172,10 @@ Interpreter::Interpreter(const MachineModel& machine)
   axis_of_letter_['X' - 'A'] = 0;
   axis_of_letter_['Y' - 'A'] = 1;
   axis_of_letter_['Z' - 'A'] = 2;
-  axis_of_letter_[static_cast<std::size_t>(machine.outer.letter - 'A')] = 3;
-  axis_of_letter_[static_cast<std::size_t>(machine.inner.letter - 'A')] = 4;
+  if (machine.has_rotary()) {
+    axis_of_letter_[static_cast<std::size_t>(machine.outer.letter - 'A')] = 3;
+    axis_of_letter_[static_cast<std::size_t>(machine.inner.letter - 'A')] = 4;
+  }
   for (std::size_t i = 0; i < 26; ++i) axis_letters_ |= axis_of_letter_[i] >= 0 ? 1U << i : 0U;
   steps_.reserve(64);
 }

@@ -50,6 +50,7 @@ ReaderCore::ReaderCore(const MachineModel& m, const ReaderSetup& s,
 
 int ReaderCore::axis_of(char letter) const {
   if (letter >= 'X' && letter <= 'Z') return letter - 'X';
+  if (!machine.has_rotary()) return -1;
   if (letter == machine.outer.letter) return 3;
   return letter == machine.inner.letter ? 4 : -1;
 }

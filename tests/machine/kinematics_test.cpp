@@ -53,6 +53,49 @@ RC_GTEST_PROP(Kinematics, FollowsAPointGluedToTheTable, ()) {
   RC_ASSERT((pose.tip_mm - p_W).norm() < 1e-11);
 }
 
+// Every chain, axes as measured (out of square): the cutter carried by hand through the head's turns, the work through
+// the table's; then the joints back from the tip.
+RC_GTEST_PROP(Kinematics, FollowsEveryChain, ()) {
+  MachineModel m = test::skew_machine();
+  m.outer.axis = Vec3(0.001, 1, -0.0005).normalized();
+  m.inner.axis = Vec3(0.0007, -0.0012, 1).normalized();
+  m.chain = *rc::gen::element(Chain::kThreeAxis, Chain::kTableTable, Chain::kHeadTable, Chain::kHeadHead);
+  if (m.chain == Chain::kHeadTable || m.chain == Chain::kHeadHead) {
+    m.outer.point_mm = {3, -2, 140};
+    m.outer.direction = 1;
+  }
+  if (m.chain == Chain::kHeadHead) {
+    m.inner.point_mm = {-5, 4, 90};
+    m.inner.direction = 1;
+  }
+  const auto number = [](int range) { return *rc::gen::inRange(-range * 1000, range * 1000) / 1000.0; };
+  const double b = number(110) * kRad, c = number(400) * kRad, length = 85;
+  const Vec3 gauge(number(50), number(40), number(30)), origin(10, -5, -400);
+  const auto turned = [](const RotaryAxis& axis, double angle, const Vec3& p, const Vec3& at) -> Vec3 {
+    const Vec3 pivot = at + axis.point_mm;
+    return pivot + Eigen::AngleAxisd(axis.direction * angle, axis.axis) * (p - pivot);
+  };
+  Vec3 tip = gauge - Vec3(0, 0, length), nose = gauge;
+  const auto carry_tool = [&](const RotaryAxis& axis, double angle) {
+    tip = turned(axis, angle, tip, gauge);
+    nose = turned(axis, angle, nose, gauge);
+  };
+  const auto look_back = [&](const RotaryAxis& axis, double angle) {
+    tip = turned(axis, -angle, tip, Vec3::Zero());
+    nose = turned(axis, -angle, nose, Vec3::Zero());
+  };
+  if (m.chain == Chain::kTableTable) look_back(m.outer, b);
+  if (m.chain == Chain::kHeadTable || m.chain == Chain::kHeadHead) carry_tool(m.outer, b);
+  if (m.chain == Chain::kHeadHead) carry_tool(m.inner, c);
+  if (m.chain == Chain::kTableTable || m.chain == Chain::kHeadTable) look_back(m.inner, c);
+  WorkpieceView view(m, origin);
+  const ToolPose pose = view.cutter({gauge.x(), gauge.y(), gauge.z(), b, c}, length);
+  RC_ASSERT((pose.tip_mm - (tip - origin)).norm() < 1e-11);
+  RC_ASSERT((pose.axis - (nose - tip) / length).norm() < 1e-12);
+  const JointPosition back = view.joints(pose.tip_mm, b, c, length);
+  RC_ASSERT((Vec3(back.x_mm, back.y_mm, back.z_mm) - gauge).norm() < 1e-11);
+}
+
 TEST(Kinematics, HandMadeQuarterTurns) {
   const MachineModel m = test::skew_machine();
   const Vec3 origin(10, -5, -400);
