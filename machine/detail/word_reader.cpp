@@ -420,8 +420,9 @@ class WordReader {
         const double tenths = std::round(v * 10);
         if (!(tenths >= 0 && tenths < 10000) || std::abs(v * 10 - tenths) > 1e-6) reject(where, "unknown code");
         const int code = static_cast<int>(tenths);
-        const int group = letter == 'G' ? g_group(code) : m_group(code);
+        int group = letter == 'G' ? g_group(code) : m_group(code);
         if (group < 0) reject(where, std::string(1, letter) + compact_code(code) + " is not known to this control");
+        if (letter == 'M') group += 16;  // groups of their own
         if ((groups >> group & 1U) != 0) reject(where, "two codes of one modal group in a block");
         groups |= 1U << group;
         (letter == 'G' ? g[gs++] : m[ms++]) = code;
@@ -662,9 +663,11 @@ class WordReader {
     }
     if (coolant >= 0) core_.say(ProgramStep::kCoolant, coolant);
     if (shot == 40) {
-      if (!has('P') && fanuc_ && has('X'))
-        core_.say(ProgramStep::kDwell, 0, use('X'));
-      else {
+      if (!has('P') && fanuc_ && has('X')) {
+        const double x = use('X');
+        if (x < 0) reject(word_columns_[index_of('X')], "negative time");
+        core_.say(ProgramStep::kDwell, 0, x);
+      } else {
         const double p = need('P', "G4");
         if (p < 0) reject(word_columns_[index_of('P')], "negative time");
         core_.say(ProgramStep::kDwell, 0, fanuc_ ? p / 1000 : p);
@@ -887,7 +890,8 @@ class WordReader {
       cycle_z_ = use('Z') * unit_ + (incremental_ ? cycle_r_ : 0);
     else if (fresh)
       reject(1, "a canned cycle needs Z");
-    const double dwell = motion_ == 82 || motion_ == 89 ? (has('P') ? use('P') : 0) : 0;
+    const double dwell = (motion_ == 82 || motion_ == 89) && has('P') ? use('P') : 0;
+    if (dwell < 0) reject(word_columns_[index_of('P')], "negative time");
     if (motion_ == 83) {
       if (has('Q')) cycle_q_ = use('Q') * unit_;
       if (cycle_q_ <= 0) reject(1, "G83 needs a positive Q");

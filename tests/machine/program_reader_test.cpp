@@ -184,6 +184,10 @@ TEST(ProgramReader, HeidenhainSpeaksInMovesAndCycles) {
 TEST(ProgramReader, RefusesWhatItCannotObeyWithLineAndRule) {
   expect_refused("G21\nG1 X1\nM2\n", "feed", 2);
   expect_refused("G93 G1 X1 F1\nX2\nM2\n", "F is missing", 2);
+  EXPECT_FALSE(read("G21 G40 G90 G43 H1 S5000 T1 M6 M3 M8\nM2\n").result.error)
+      << "M codes have modal groups of their own";
+  expect_refused("M3 M4\nM2\n", "modal group", 1);
+  expect_refused("O1\nG4 X-1.\nM30\n", "negative", 2, ReaderDialect::kFanuc);
   expect_refused("G90 G91\nM2\n", "modal group", 1);
   expect_refused("G41 D1\nM2\n", "not known", 1);
   expect_refused("G43.4 H1\nM2\n", "not known", 1);
