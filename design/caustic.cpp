@@ -443,7 +443,8 @@ CausticMeasures measure_caustic(const Caustic& caustic, const TargetLight& targe
       if (supported) within += light.at(i, j);
     }
   }
-  measures.flux_outside_support = std::max(0.0, 1 - caustic.totally_reflected - within);
+  measures.flux_outside_support = std::max(
+      0.0, 1 - caustic.totally_reflected - caustic.fresnel_reflected - caustic.shadowed - caustic.through_rim - within);
   measures.flux_totally_reflected = caustic.totally_reflected;
   return measures;
 }

@@ -14,8 +14,13 @@ namespace lightmill {
 struct Caustic {
   Box2 extent;
   Grid<double> flux;
-  double outside_extent = 0;       ///< reaches the receiver's plane, but not the grid
+  double outside_extent = 0;       ///< reaches the receiver's plane beside the grid, or never
   double totally_reflected = 0;
+  // trace_beams() only:
+  double fresnel_reflected = 0;    ///< partly reflected at entry and exit
+  double shadowed = 0;             ///< meets the relief a second time
+  double through_rim = 0;          ///< would have to enter through the lens's side
+  Box2 reflected_from, shadowed_from, rim_from;  ///< where on the lens (x, y) that light is lost; empty: nowhere
 };
 
 struct CausticOptions {

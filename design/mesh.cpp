@@ -10,6 +10,7 @@
 #include <cstring>
 #include <sstream>
 #include <string>
+#include <string_view>
 #include <unordered_map>
 
 #include "design/core/errors.h"
@@ -107,6 +108,13 @@ void write_ply(const std::filesystem::path& path, const SurfaceMesh& mesh) {
 }
 
 namespace {
+
+/// The k-th corner of a polygon that is cut into a fan of triangles around its first.
+void add_to_fan(SurfaceMesh& mesh, std::array<int, 3>& fan, std::size_t k, int corner) {
+  if (k == 0) fan[0] = corner;
+  if (k >= 2) mesh.triangles.push_back({fan[0], fan[2], corner});
+  fan[2] = corner;
+}
 
 enum class PlyFormat { kAscii, kLittle, kBig };
 
@@ -328,18 +336,17 @@ class PlyReader {
       for (const PlyProperty& property : element.properties) {
         const bool is_face = property.is_list && (property.name == "vertex_indices" || property.name == "vertex_index");
         const std::size_t count = property.is_list ? next_count(property.count_type) : 1;
-        if (is_face && count != 3) {
-          fail("face " + std::to_string(f) + " has " + std::to_string(count) + " corners; triangulate the mesh");
+        if (is_face && count < 3) {
+          fail("face " + std::to_string(f) + " has " + std::to_string(count) + " corners, a surface needs at least 3");
         }
         std::array<int, 3> corners{};
         for (std::size_t k = 0; k < count; ++k) {
           const double value = next_value(property.type);
-          if (is_face) corners[k] = std::abs(value) < 2e9 ? static_cast<int>(value) : -1;
+          if (!is_face) continue;
+          const int corner = std::abs(value) < 2e9 ? static_cast<int>(value) : -1;
+          add_to_fan(mesh, corners, k, corner);
         }
-        if (is_face) {
-          mesh.triangles.push_back(corners);
-          found = true;
-        }
+        found = found || is_face;
       }
     }
     if (element.count > 0 && !found) fail("its faces lack vertex_indices");
@@ -357,6 +364,192 @@ class PlyReader {
 SurfaceMesh read_ply(const std::filesystem::path& path) {
   const std::string content = read_whole(path);
   return PlyReader(path, content).read();
+}
+
+namespace {
+
+/// Numbers and names of one line of text, separated by blanks.
+std::vector<std::string_view> words_of(std::string_view line) {
+  std::vector<std::string_view> words;
+  std::size_t at = 0;
+  while (true) {
+    at = line.find_first_not_of(" \t\r", at);
+    if (at == std::string_view::npos) return words;
+    const std::size_t end = std::min(line.find_first_of(" \t\r", at), line.size());
+    words.push_back(line.substr(at, end - at));
+    at = end;
+  }
+}
+
+/// Calls visit(words, line number) for every line that is not empty.
+void each_line(std::string_view content, const auto& visit) {
+  int number = 0;
+  for (std::size_t at = 0; at < content.size();) {
+    const std::size_t end = std::min(content.find('\n', at), content.size());
+    ++number;
+    const auto words = words_of(content.substr(at, end - at));
+    if (!words.empty()) visit(words, number);
+    at = end + 1;
+  }
+}
+
+template <typename T>
+bool parse(std::string_view text, T& value) {
+  if (!text.empty() && text.front() == '+') text.remove_prefix(1);
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size();
+}
+
+bool parse_place(const std::vector<std::string_view>& words, Vec3& place) {
+  if (words.size() < 4) return false;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!parse(words[axis + 1], place[axis]) || !std::isfinite(place[axis])) return false;
+  }
+  return true;
+}
+
+[[noreturn]] void refuse(const std::filesystem::path& path, const std::string& where, const std::string& reason) {
+  throw InputError(path.string() + ": " + where + ": " + reason);
+}
+
+SurfaceMesh read_obj(const std::filesystem::path& path, const std::string& content) {
+  SurfaceMesh mesh;
+  each_line(content, [&](const std::vector<std::string_view>& words, int number) {
+    const std::string where = "line " + std::to_string(number);
+    if (words[0] == "v") {
+      Vec3 place;
+      if (!parse_place(words, place)) refuse(path, where, "a vertex needs three finite numbers after 'v'");
+      mesh.vertices.push_back(place);
+    } else if (words[0] == "f") {
+      if (words.size() < 4) refuse(path, where, "a face needs at least three vertices");
+      std::array<int, 3> fan{};
+      const long known = static_cast<long>(mesh.vertices.size());
+      for (std::size_t k = 1; k < words.size(); ++k) {
+        // vertex/texture/normal; below 0 counts back from the last vertex so far.
+        const std::string_view index = words[k].substr(0, words[k].find('/'));
+        long vertex = 0;
+        if (!parse(index, vertex) || vertex == 0 || vertex > known || vertex < -known) {
+          refuse(path, where, "the face names vertex '" + std::string(index) + "' of " + std::to_string(known) + " given so far");
+        }
+        add_to_fan(mesh, fan, k - 1, static_cast<int>(vertex > 0 ? vertex - 1 : known + vertex));
+      }
+    }
+  });
+  return mesh;
+}
+
+/// Gives every place one vertex.
+class Welder {
+ public:
+  explicit Welder(SurfaceMesh& mesh) : mesh_(mesh) {}
+  int vertex(const Vec3& place) {
+    const Vec3 clean = place + Vec3::Zero();  // -0 becomes 0
+    const auto [found, fresh] = known_.try_emplace({clean.x(), clean.y(), clean.z()}, static_cast<int>(mesh_.vertices.size()));
+    if (fresh) mesh_.vertices.push_back(clean);
+    return found->second;
+  }
+
+ private:
+  struct Hash {
+    std::size_t operator()(const std::array<double, 3>& p) const {
+      std::uint64_t sum = 0;
+      for (const double value : p) sum = (sum ^ std::bit_cast<std::uint64_t>(value)) * 0x9E3779B97F4A7C15ull, sum ^= sum >> 29;
+      return static_cast<std::size_t>(sum);
+    }
+  };
+  SurfaceMesh& mesh_;
+  std::unordered_map<std::array<double, 3>, int, Hash> known_;
+};
+
+SurfaceMesh read_stl(const std::filesystem::path& path, const std::string& content) {
+  constexpr std::size_t kHeader = 84;
+  constexpr std::size_t kFacet = 50;
+  SurfaceMesh mesh;
+  Welder welder(mesh);
+  std::uint32_t count = 0;
+  if (content.size() >= kHeader) std::memcpy(&count, content.data() + 80, 4);
+  // Binary files may begin with "solid" too: the size decides.
+  const bool binary = content.size() >= kHeader && content.size() == kHeader + kFacet * static_cast<std::size_t>(count);
+  if (!binary && (content.compare(0, 5, "solid") != 0 || content.find('\0') != std::string::npos)) {
+    refuse(path, "byte 80",
+           "neither text ('solid ...') nor binary STL: " + std::to_string(count) + " triangles announced, " +
+               std::to_string(content.size()) + " bytes there");
+  }
+  if (binary) {
+    for (std::uint32_t f = 0; f < count; ++f) {
+      const std::size_t at = kHeader + kFacet * f;
+      float values[12];
+      std::memcpy(values, content.data() + at, sizeof values);
+      std::array<int, 3> corners{};
+      for (int k = 0; k < 3; ++k) {
+        const Vec3 place(values[3 + 3 * k], values[4 + 3 * k], values[5 + 3 * k]);
+        if (!place.allFinite()) refuse(path, "byte " + std::to_string(at), "a corner is not finite");
+        corners[k] = welder.vertex(place);
+      }
+      mesh.triangles.push_back(corners);
+    }
+    return mesh;
+  }
+  std::vector<int> loop;
+  each_line(content, [&](const std::vector<std::string_view>& words, int number) {
+    const std::string where = "line " + std::to_string(number);
+    if (words[0] == "vertex") {
+      Vec3 place;
+      if (!parse_place(words, place)) refuse(path, where, "a corner needs three finite numbers after 'vertex'");
+      loop.push_back(welder.vertex(place));
+    } else if (words[0] == "endloop") {
+      if (loop.size() != 3) refuse(path, where, "a facet has " + std::to_string(loop.size()) + " corners, must be 3");
+      mesh.triangles.push_back({loop[0], loop[1], loop[2]});
+      loop.clear();
+    }
+  });
+  if (!loop.empty()) refuse(path, "end of file", "the last facet does not end");
+  return mesh;
+}
+
+}  // namespace
+
+SurfaceMesh read_surface(const std::filesystem::path& path) {
+  std::string kind = path.extension().string();
+  std::transform(kind.begin(), kind.end(), kind.begin(), [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
+  if (kind == ".ply") return read_ply(path);
+  if (kind != ".obj" && kind != ".stl") throw InputError(path.string() + ": must be a .ply, .obj or .stl file");
+  const std::string content = read_whole(path);
+  SurfaceMesh mesh = kind == ".obj" ? read_obj(path, content) : read_stl(path, content);
+  if (mesh.triangles.empty()) throw InputError(path.string() + ": it has no triangles");
+  mesh.normals = angle_weighted_normals(mesh.vertices, mesh.triangles);
+  return mesh;
+}
+
+OpticalPart optical_part(const SurfaceMesh& mesh) {
+  constexpr double kWall = 1e-3;  // a normal that rises by less belongs to a wall
+  OpticalPart part;
+  for (const auto& t : mesh.triangles) {
+    const Vec3 area = (mesh.vertices[t[1]] - mesh.vertices[t[0]]).cross(mesh.vertices[t[2]] - mesh.vertices[t[0]]);
+    if (area.z() > kWall * area.norm()) {
+      part.mesh.triangles.push_back(t);
+    } else {
+      ++part.walls_and_bottom;
+    }
+  }
+  if (part.mesh.triangles.empty()) throw InputError("the surface has no triangle that faces +Z, where the light leaves");
+  if (part.walls_and_bottom == 0) {
+    part.mesh = mesh;
+    return part;
+  }
+  std::vector<int> number(mesh.vertices.size(), -1);
+  for (auto& t : part.mesh.triangles) {
+    for (int& v : t) {
+      if (number[v] < 0) {
+        number[v] = static_cast<int>(part.mesh.vertices.size());
+        part.mesh.vertices.push_back(mesh.vertices[v]);
+      }
+      v = number[v];
+    }
+  }
+  // Normals at the rim must not lean towards the walls.
+  part.mesh.normals = angle_weighted_normals(part.mesh.vertices, part.mesh.triangles);
+  return part;
 }
 
 }  // namespace lightmill

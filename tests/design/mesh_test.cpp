@@ -99,7 +99,7 @@ TEST_F(Mesh, SaysWhatIsWrongWithAFile) {
   EXPECT_THAT(complaint_about("solid stl\n"), HasSubstr("does not begin with 'ply'"));
   EXPECT_THAT(complaint_about("ply\nformat ascii 1.0\n"), HasSubstr("header does not end"));
   EXPECT_THAT(complaint_about(head + faces + "0 0 0 1 0 0 0 1 0 3 0 1 3\n"), HasSubstr("vertex 3 of 3"));
-  EXPECT_THAT(complaint_about(head + faces + "0 0 0 1 0 0 0 1 0 4 0 1 2 0\n"), HasSubstr("4 corners"));
+  EXPECT_THAT(complaint_about(head + faces + "0 0 0 1 0 0 0 1 0 2 0 1\n"), HasSubstr("2 corners"));
   EXPECT_THAT(complaint_about(head + faces + "0 0 0 1 0\n"), HasSubstr("missing or malformed"));
   EXPECT_THAT(complaint_about(head + faces + "0 0 nan 1 0 0 0 1 0 3 0 1 2\n"), HasSubstr("not finite"));
   EXPECT_THAT(complaint_about("ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\n"
@@ -107,6 +107,91 @@ TEST_F(Mesh, SaysWhatIsWrongWithAFile) {
                               faces),
               HasSubstr("more items than it can hold"));
   EXPECT_THROW(read_ply(folder_ / "absent.ply"), InputError);
+}
+
+/// A box of 4 x 2 x 3 mm as text that other programs write: closed, quads, walls and bottom.
+const char* kBoxObj =
+    "# a box\nmtllib x.mtl\nv -2 -1 0\nv 2 -1 0\nv 2 1 0\nv -2 1 0\nv -2 -1 3\nv 2 -1 3\nv 2 1 3\nv -2 1 3\nvt 0 0\n"
+    "f 4 3 2 1\nf 5/1 6/1 7/1 8/1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf -5 -8 -4 -1\n";
+
+TEST_F(Mesh, OfAForeignSolidTheTopIsKept) {
+  write_whole(folder_ / "box.OBJ", std::string_view(kBoxObj));
+  const SurfaceMesh box = read_surface(folder_ / "box.OBJ");
+  EXPECT_EQ(box.vertices.size(), 8u);
+  EXPECT_EQ(box.triangles.size(), 12u);
+  const std::vector<bool> border = border_vertices(box);
+  EXPECT_EQ(std::count(border.begin(), border.end(), true), 0);  // closed
+  const OpticalPart top = optical_part(box);
+  EXPECT_EQ(top.walls_and_bottom, 10);
+  ASSERT_EQ(top.mesh.triangles.size(), 2u);
+  for (std::size_t v = 0; v < 4; ++v) {
+    EXPECT_EQ(top.mesh.vertices[v].z(), 3);
+    EXPECT_EQ(top.mesh.normals[v], Vec3(0, 0, 1));  // not leaning to the walls
+  }
+  EXPECT_EQ(count_inverted(top.mesh), 0);
+  // A surface of ours is left alone, normals included.
+  EXPECT_EQ(optical_part(fan()).mesh.normals, fan().normals);
+}
+
+TEST_F(Mesh, StlIsWeldedWhereCornersCoincide) {
+  const SurfaceMesh mesh = fan();
+  std::string text = "solid fan\n";
+  std::string binary(80, 's');
+  const auto count = static_cast<std::uint32_t>(mesh.triangles.size());
+  binary.append(reinterpret_cast<const char*>(&count), 4);
+  for (const auto& t : mesh.triangles) {
+    text += " facet normal 0 0 1\n  outer loop\n";
+    binary.append(12, '\0');
+    for (int v : t) {
+      char line[120];
+      std::snprintf(line, sizeof line, "   vertex %.17g %.17g %.17g\n", mesh.vertices[v].x(), mesh.vertices[v].y(), mesh.vertices[v].z());
+      text += line;
+      for (int axis = 0; axis < 3; ++axis) {
+        const auto value = static_cast<float>(mesh.vertices[v][axis]);
+        binary.append(reinterpret_cast<const char*>(&value), 4);
+      }
+    }
+    text += "  endloop\n endfacet\n";
+    binary.append(2, '\0');
+  }
+  binary.replace(0, 5, "solid");  // as some programs begin their binary files
+  for (const auto& [content, tolerance] : {std::pair(text + "endsolid fan\n", 0.0), std::pair(binary, 1e-6)}) {
+    write_whole(folder_ / "fan.stl", content);
+    const SurfaceMesh again = read_surface(folder_ / "fan.stl");
+    ASSERT_EQ(again.vertices.size(), 5u);
+    ASSERT_EQ(again.triangles.size(), 4u);
+    for (std::size_t t = 0; t < 4; ++t) {
+      for (int k = 0; k < 3; ++k) {
+        EXPECT_LE((again.vertices[again.triangles[t][k]] - mesh.vertices[mesh.triangles[t][k]]).norm(), tolerance);
+      }
+    }
+  }
+  const auto complaint = [&](const char* name, const std::string& content) -> std::string {
+    write_whole(folder_ / name, content);
+    try {
+      read_surface(folder_ / name);
+    } catch (const InputError& e) {
+      return e.what();
+    }
+    return "read without complaint";
+  };
+  using ::testing::HasSubstr;
+  EXPECT_THAT(complaint("a.stl", binary.substr(0, 200)), HasSubstr("200 bytes there"));
+  EXPECT_THAT(complaint("a.stl", "x" + binary), HasSubstr("byte 80"));
+  EXPECT_THAT(complaint("a.stl", "solid\nvertex 1 2\n"), HasSubstr("line 2"));
+  EXPECT_THAT(complaint("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2 3\n"), HasSubstr("line 3"));
+  EXPECT_THAT(complaint("a.obj", "v 0 0 nan\n"), HasSubstr("line 1"));
+  EXPECT_THAT(complaint("a.obj", "v 0 0 1\n"), HasSubstr("no triangles"));
+  EXPECT_THAT(complaint("a.3ds", ""), HasSubstr(".ply, .obj or .stl"));
+}
+
+TEST_F(Mesh, PlyPolygonsAreCutIntoFans) {
+  const SurfaceMesh mesh = read_ply(
+      write("ply\nformat ascii 1.0\nelement vertex 5\nproperty float z\nproperty float x\nproperty float y\nelement face 1\n"
+            "property list uchar int vertex_indices\nend_header\n9 0 0\n9 2 0\n9 3 1\n9 1 2\n9 -1 1\n5 0 1 2 3 4\n"));
+  ASSERT_EQ(mesh.triangles.size(), 3u);
+  EXPECT_EQ(mesh.triangles[2], (std::array<int, 3>{0, 3, 4}));
+  EXPECT_EQ(count_inverted(mesh), 0);
 }
 
 TEST_F(Mesh, NormalOfACubesCornerIsItsDiagonalHoweverItIsTriangulated) {
