@@ -19,7 +19,7 @@ struct Lamp {
 struct ReceiverPlane {
   Vec3 centre_mm{0, 0, 310};
   Vec3 right{1, 0, 0};  ///< unit
-  Vec3 up{0, 1, 0};     ///< unit, at right angles to `right`; light arrives against right x up's back
+  Vec3 up{0, 1, 0};     ///< unit, at right angles to `right`; light arrives along right x up, not against it
 };
 
 /// `tilt_rad`: turned first about +X, then about +Y, through the centre; `shift_mm` moves the centre in x and y.
