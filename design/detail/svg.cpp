@@ -23,6 +23,9 @@ namespace lightmill::detail {
 namespace {
 
 constexpr int kDeepestUse = 16;
+constexpr int kDeepestNesting = 512;   // of elements, well within a thread's stack
+constexpr int kMostDashes = 1000000;   // per stroke
+constexpr int kMostElements = 300000;  // drawn, counting what <use> draws again
 
 std::string_view trimmed(std::string_view text) {
   const auto blank = [](char c) { return c == ' ' || c == '\t' || c == '\n' || c == '\r'; };
@@ -112,6 +115,8 @@ struct Style {
   std::string stroke = "none";
   std::string colour = "black";
   std::string stroke_width = "1";
+  std::string dashes = "none";
+  std::string dash_offset = "0";
   double fill_opacity = 1;
   double stroke_opacity = 1;
   double opacity = 1;  // product of this and all enclosing elements'
@@ -176,9 +181,13 @@ class Reader {
     to_mm_ = Geom::Affine(sx, 0, 0, sy, -side * size_mm.x() / 2 - sx * corner.x(), size_mm.y() / 2 - sy * corner.y());
   }
 
-  void collect_ids(const pugi::xml_node& node) {
+  void collect_ids(const pugi::xml_node& node, int depth = 0) {
+    if (depth > kDeepestNesting) {
+      throw InputError(name_ + ":" + std::to_string(line_at(node.offset_debug())) + ": elements are nested over " +
+                       std::to_string(kDeepestNesting) + " deep; ungroup the drawing");
+    }
     if (const char* id = node.attribute("id").value(); *id) ids_.emplace(id, node);
-    for (const auto& child : node.children()) collect_ids(child);
+    for (const auto& child : node.children()) collect_ids(child, depth + 1);
   }
 
   double opacity_of(const pugi::xml_node& node, std::string_view property, std::string_view text) {
@@ -205,6 +214,10 @@ class Reader {
       style.colour = value;
     else if (property == "stroke-width")
       style.stroke_width = value;
+    else if (property == "stroke-dasharray")
+      style.dashes = value;
+    else if (property == "stroke-dashoffset")
+      style.dash_offset = value;
     else if (property == "fill-opacity")
       style.fill_opacity = opacity_of(node, property, value);
     else if (property == "stroke-opacity")
@@ -217,9 +230,9 @@ class Reader {
       style.visible = value == "visible";
     else if (property == "display")
       style.displayed = style.displayed && value != "none";
-    else if ((property == "clip-path" || property == "mask" || property == "filter" || property == "stroke-dasharray" ||
-              property == "marker" || property == "marker-start" || property == "marker-mid" ||
-              property == "marker-end" || property == "mix-blend-mode") &&
+    else if ((property == "clip-path" || property == "mask" || property == "filter" || property == "marker" ||
+              property == "marker-start" || property == "marker-mid" || property == "marker-end" ||
+              property == "mix-blend-mode") &&
              value != "none" && value != "normal") {
       warn(node, std::string(property) + " is not understood and ignored");
     }
@@ -228,10 +241,10 @@ class Reader {
   /// Presentation attributes, then the style attribute, which wins.
   void apply_style(const pugi::xml_node& node, Style& style) {
     static constexpr std::string_view properties[] = {
-        "fill",           "stroke",     "color",      "stroke-width",     "fill-opacity",
-        "stroke-opacity", "opacity",    "fill-rule",  "visibility",       "display",
-        "clip-path",      "mask",       "filter",     "stroke-dasharray", "marker",
-        "marker-start",   "marker-mid", "marker-end", "mix-blend-mode"};
+        "fill",           "stroke",       "color",      "stroke-width",     "fill-opacity",
+        "stroke-opacity", "opacity",      "fill-rule",  "visibility",       "display",
+        "clip-path",      "mask",         "filter",     "stroke-dasharray", "stroke-dashoffset",
+        "marker",         "marker-start", "marker-mid", "marker-end",       "mix-blend-mode"};
     std::map<std::string, std::string, std::less<>> given;
     for (const auto property : properties) {
       if (const auto attribute = node.attribute(std::string(property).c_str()))
@@ -269,6 +282,10 @@ class Reader {
       return;
     }
     if (name.find(':') != std::string::npos) return;  // an editor's own notes
+    if (++elements_ > kMostElements) {
+      throw InputError(name_ + ":" + std::to_string(line_at(node.offset_debug())) + ": the drawing has over " +
+                       std::to_string(kMostElements) + " elements, counting what <use> draws again; simplify it");
+    }
     Style style = inherited;
     apply_style(node, style);
     if (!style.displayed) return;
@@ -433,15 +450,28 @@ class Reader {
     return !paths.empty();
   }
 
-  /// Straight pieces in mm, no farther from the curve than the tolerance.
-  static std::vector<Vec2> flatten(const Geom::Path& path, const Geom::Affine& to_mm) {
-    std::vector<Vec2> vertices;
+  /// A path as straight pieces in mm, no farther from it than the tolerance.
+  struct Flattened {
+    std::vector<Vec2> vertices_mm;
+    std::vector<double> along;         ///< arc length from the start to each vertex, in user units (of dashes)
+    std::vector<std::size_t> corners;  ///< which vertices are the path's own, in order; a closing one repeats the first
+  };
+  static Flattened flatten(const Geom::Path& path, const Geom::Affine& to_mm) {
+    Flattened flat;
+    std::vector<Vec2>& vertices = flat.vertices_mm;
+    Geom::Point last = path.initialPoint();
+    double along = 0;
     const auto add = [&](const Geom::Point& p) {
       const Geom::Point q = p * to_mm;
       const Vec2 v(q.x(), q.y());
-      if (vertices.empty() || vertices.back() != v) vertices.push_back(v);
+      along += Geom::distance(p, last);
+      last = p;
+      if (!vertices.empty() && vertices.back() == v) return;
+      vertices.push_back(v);
+      flat.along.push_back(along);
     };
     add(path.initialPoint());
+    flat.corners.push_back(0);
     const auto curves = path.closed() ? path.size_closed() : path.size_open();
     for (std::size_t k = 0; k < curves; ++k) {
       const Geom::Curve& curve = path[k];
@@ -470,8 +500,9 @@ class Reader {
       pieces = std::clamp(pieces, 1, 100000);
       for (int i = 1; i < pieces; ++i) add(curve.pointAt(static_cast<double>(i) / pieces));
       add(curve.finalPoint());
+      flat.corners.push_back(vertices.size() - 1);
     }
-    return vertices;
+    return flat;
   }
 
   /// A paint as light and opacity; false for none or when it is not understood.
@@ -483,10 +514,122 @@ class Reader {
     return false;
   }
 
+  /// The relative density at each flattened vertex: data-flux at the path's own vertices, linear along arc length in mm
+  /// between them; 1 without. Nothing when data-flux is wrong, which is a warning.
+  std::vector<std::vector<double>> flux_profiles(const pugi::xml_node& node, const std::vector<Flattened>& flattened,
+                                                 const std::vector<bool>& closed) {
+    std::vector<std::vector<double>> profiles;
+    for (const auto& flat : flattened) profiles.emplace_back(flat.vertices_mm.size(), 1.0);
+    const auto attribute = node.attribute("data-flux");
+    if (!attribute) return profiles;
+    const auto given = numbers_of(attribute.value());
+    if (!given || std::any_of(given->begin(), given->end(), [](double value) { return value < 0; })) {
+      warn(node, std::string("data-flux \"") + attribute.value() +
+                     "\" is not a list of numbers of at least 0; the stroke is left out");
+      return {};
+    }
+    // A closed subpath ends with the value that it starts with.
+    std::size_t expected = 0;
+    for (std::size_t k = 0; k < flattened.size(); ++k) expected += flattened[k].corners.size() - (closed[k] ? 1 : 0);
+    if (given->size() != expected) {
+      warn(node, "data-flux has " + std::to_string(given->size()) + " values, but the path has " +
+                     std::to_string(expected) + " vertices; the stroke is left out. Give one value per vertex");
+      return {};
+    }
+    std::size_t next = 0;
+    for (std::size_t k = 0; k < flattened.size(); ++k) {
+      const auto& flat = flattened[k];
+      const std::size_t count = flat.corners.size() - (closed[k] ? 1 : 0);
+      for (std::size_t c = 0; c + 1 < flat.corners.size(); ++c) {
+        const double from = (*given)[next + c];
+        const double to = (*given)[next + (c + 1) % count];
+        const std::size_t first = flat.corners[c];
+        const std::size_t last = flat.corners[c + 1];
+        double length = 0;
+        for (std::size_t i = first; i < last; ++i) length += (flat.vertices_mm[i + 1] - flat.vertices_mm[i]).norm();
+        double at = 0;
+        for (std::size_t i = first; i <= last; ++i) {
+          if (i > first) at += (flat.vertices_mm[i] - flat.vertices_mm[i - 1]).norm();
+          profiles[k][i] = length > 0 ? from + (to - from) * (at / length) : to;
+        }
+      }
+      next += count;
+    }
+    return profiles;
+  }
+
+  /// Lengths of dashes and gaps in user units; empty for a solid stroke.
+  std::vector<double> dash_pattern(const pugi::xml_node& node, const Style& style) {
+    if (style.dashes == "none") return {};
+    std::vector<double> pattern;
+    double sum = 0;
+    std::string_view rest = style.dashes;
+    while (!(rest = trimmed(rest)).empty()) {
+      const std::size_t end = std::min(rest.find_first_of(", \t\r\n"), rest.size());
+      const auto value = parse_length(rest.substr(0, end), view_.norm() / std::sqrt(2.0));
+      if (!value || *value < 0) {
+        warn(node, "stroke-dasharray \"" + style.dashes + "\" is not a list of lengths of at least 0; drawn solid");
+        return {};
+      }
+      pattern.push_back(*value);
+      sum += *value;
+      rest.remove_prefix(std::min(end, rest.size()));
+      rest = trimmed(rest);
+      if (rest.starts_with(',')) rest.remove_prefix(1);
+    }
+    if (!(sum > 0)) return {};  // all zero is solid [SVG 1.1, sec. 11.4]
+    if (pattern.size() % 2 != 0) pattern.insert(pattern.end(), pattern.begin(), pattern.end());
+    return pattern;
+  }
+
+  /// Adds the dashes of a curve; `along` is the arc length at its vertices, in the pattern's units.
+  void cut_dashes(const pugi::xml_node& node, const CurveLight& curve, const std::vector<double>& along,
+                  const std::vector<double>& pattern, double offset) {
+    double period = 0;
+    for (const double length : pattern) period += length;
+    if (along.back() / period * static_cast<double>(pattern.size()) > kMostDashes) {
+      warn(node, "stroke-dasharray cuts the stroke into over " + std::to_string(kMostDashes) + " dashes; drawn solid");
+      drawing_.strokes.push_back(curve);
+      return;
+    }
+    const auto at = [&](double s, std::size_t k) {
+      const double t = std::clamp((s - along[k]) / (along[k + 1] - along[k]), 0.0, 1.0);
+      return std::pair<Vec2, double>((1 - t) * curve.vertices_mm[k] + t * curve.vertices_mm[k + 1],
+                                     (1 - t) * curve.density_per_mm[k] + t * curve.density_per_mm[k + 1]);
+    };
+    std::size_t entry = 0;
+    double start = -(offset - std::floor(offset / period) * period);
+    std::size_t k = 0;  // the piece that holds the start of the dash
+    for (; start < along.back(); start += pattern[entry], entry = (entry + 1) % pattern.size()) {
+      const double from = std::max(start, 0.0);
+      const double to = std::min(start + pattern[entry], along.back());
+      if (entry % 2 != 0 || !(to > from)) continue;
+      while (k + 2 < along.size() && along[k + 1] <= from) ++k;
+      CurveLight dash;
+      const auto add = [&](const std::pair<Vec2, double>& vertex) {
+        dash.vertices_mm.push_back(vertex.first);
+        dash.density_per_mm.push_back(vertex.second);
+      };
+      add(at(from, k));
+      while (k + 2 < along.size() && along[k + 1] < to) {
+        ++k;
+        add({curve.vertices_mm[k], curve.density_per_mm[k]});
+      }
+      add(at(to, k));
+      if (dash.flux() > 0) drawing_.strokes.push_back(std::move(dash));
+    }
+  }
+
   void draw(const pugi::xml_node& node, const Style& style, const Geom::Affine& to_mm, const Geom::PathVector& paths) {
     if (!style.visible) return;
     std::vector<std::vector<Vec2>> outlines;
-    for (const auto& path : paths) outlines.push_back(flatten(path, to_mm));
+    std::vector<Flattened> flattened;
+    std::vector<bool> closed;
+    for (const auto& path : paths) {
+      flattened.push_back(flatten(path, to_mm));
+      closed.push_back(path.closed());
+      outlines.push_back(flattened.back().vertices_mm);
+    }
 
     double light = 0;
     double opacity = 1;
@@ -501,8 +644,19 @@ class Reader {
       const double density =
           light * opacity * style.stroke_opacity * style.opacity * width.value_or(0) * std::sqrt(std::abs(to_mm.det()));
       if (density > 0) {
-        for (const auto& outline : outlines) {
-          if (outline.size() > 1) drawing_.strokes.push_back({outline, std::vector<double>(outline.size(), density)});
+        const auto profiles = flux_profiles(node, flattened, closed);
+        const std::vector<double> pattern = dash_pattern(node, style);
+        const auto offset = parse_length(style.dash_offset, view_.norm() / std::sqrt(2.0));
+        if (!offset) warn(node, "stroke-dashoffset \"" + style.dash_offset + "\" is not a length; taken as 0");
+        for (std::size_t k = 0; k < flattened.size() && k < profiles.size(); ++k) {
+          if (flattened[k].vertices_mm.size() < 2) continue;
+          CurveLight curve{flattened[k].vertices_mm, profiles[k]};
+          for (double& value : curve.density_per_mm) value *= density;
+          if (pattern.empty()) {
+            if (curve.flux() > 0) drawing_.strokes.push_back(std::move(curve));
+          } else {
+            cut_dashes(node, curve, flattened[k].along, pattern, offset.value_or(0));
+          }
         }
       }
     }
@@ -514,6 +668,7 @@ class Reader {
   std::map<std::string, pugi::xml_node, std::less<>> ids_;
   Vec2 view_{0, 0};  // width and height of the view box in user units
   Geom::Affine to_mm_;
+  int elements_ = 0;
   Drawing drawing_;
 };
 

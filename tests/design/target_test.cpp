@@ -236,6 +236,63 @@ TEST_F(TargetTest, StrokesEndAtThePicturesBorder) {
   }
 }
 
+TEST_F(TargetTest, DashesAreTheirShareOfTheStroke) {
+  // Dashes of 3 and 1 with gaps of 2 and 4, entered 1 into the first: [0,2] [4,5] [9,12] [14,15] [19,20].
+  TargetLight target = load_target(drawing(
+      R"svg(<path d="M10 50h8v12" fill="none" stroke="white" stroke-dasharray="3,2 1 4" stroke-dashoffset="1"/>)svg"));
+  const double lengths[] = {2, 1, 3, 1, 1};
+  ASSERT_EQ(target.curves.size(), 5U);
+  for (int k = 0; k < 5; ++k) EXPECT_NEAR(target.curves[k].flux(), lengths[k] / 8, 1e-12) << k;
+  EXPECT_LT((target.curves[0].vertices_mm.front() - Vec2(-90, 0)).norm(), 1e-12);
+  EXPECT_LT((target.curves[2].vertices_mm.front() - Vec2(-82, -1)).norm(), 1e-12);
+  // A dash turns the corner; an odd list counts twice; a negative offset walks back.
+  target = load_target(drawing(
+      R"svg(<path d="M10 50h8v12" fill="none" stroke="white" stroke-dasharray="5" stroke-dashoffset="-7"/>)svg"));
+  ASSERT_EQ(target.curves.size(), 3U);  // [0,2] [7,12] [17,20]
+  EXPECT_EQ(target.curves[1].vertices_mm.size(), 3U);
+  EXPECT_NEAR(target.curves[1].flux(), 0.5, 1e-12);
+  // Dashes are lengths in user units, before the transform.
+  target = load_target(
+      drawing(R"svg(<path transform="scale(4 2)" d="M5 5h10" fill="none" stroke="white" stroke-dasharray="1 9"/>)svg"));
+  ASSERT_EQ(target.curves.size(), 1U);
+  EXPECT_NEAR((target.curves[0].vertices_mm.back() - target.curves[0].vertices_mm.front()).norm(), 4, 1e-12);
+  target = load_target(drawing(R"svg(<path d="M0 0h9" stroke="white" fill="none" stroke-dasharray="1 -1"/>)svg"));
+  EXPECT_THAT(target.warnings.front(), HasSubstr("drawing.svg:2: stroke-dasharray"));
+  EXPECT_EQ(target.curves.size(), 1U);
+}
+
+TEST_F(TargetTest, DataFluxVariesTheDensityAlongArcLength) {
+  TargetLight target = load_target(drawing(
+      R"svg(<path d="M10 50h30v10" data-flux="1 3 0" fill="none" stroke="white"/><path d="M90 10h25" fill="none" stroke="white"/>)svg"));
+  ASSERT_EQ(target.curves.size(), 2U);
+  EXPECT_NEAR(target.curves[0].flux() / target.curves[1].flux(), (30 * 2 + 10 * 1.5) / 25, 1e-12);
+  EXPECT_NEAR(target.curves[0].density_per_mm[1] / target.curves[0].density_per_mm[0], 3, 1e-12);
+  // Along a quarter circle: linear in the angle. The flux is the mean density times the length.
+  target = load_target(drawing(
+      R"svg(<path d="M130 50A20 20 0 0 1 150 70" data-flux="2 6" fill="none" stroke="white" stroke-width="2"/>)svg"));
+  const CurveLight& arc = target.curves.front();
+  const double scale = arc.density_per_mm.front() / 2;
+  double length = 0;
+  for (std::size_t k = 0; k < arc.vertices_mm.size(); ++k) {
+    if (k > 0) length += (arc.vertices_mm[k] - arc.vertices_mm[k - 1]).norm();
+    EXPECT_NEAR(arc.density_per_mm[k] / scale, 2 + 4 * length / (10 * kPi), 1e-3);
+  }
+  // A closed path comes back to its first value, and dashes carry the density where they lie.
+  target = load_target(drawing(
+      R"svg(<path d="M10 10h10v10h-10z" data-flux="1 0 0 0" fill="none" stroke="white" stroke-dasharray="5"/>)svg"));
+  ASSERT_EQ(target.curves.size(), 2U);  // the first halves of the first and the last side; the others are dark
+  const double sides[] = {5 * 0.75, 5 * 0.25};
+  EXPECT_NEAR(target.curves[0].flux(), sides[0] / (sides[0] + sides[1]), 1e-12);
+}
+
+TEST_F(TargetTest, DataFluxOfAnotherCountIsNamed) {
+  const TargetLight target = load_target(drawing(
+      R"svg(<path d="M0 9h9v9" data-flux="1 2" fill="none" stroke="white"/><path d="M0 5h9" stroke="white" fill="none"/>)svg"));
+  ASSERT_EQ(target.warnings.size(), 1U);
+  EXPECT_THAT(target.warnings[0], HasSubstr("drawing.svg:2: data-flux has 2 values, but the path has 3 vertices"));
+  EXPECT_EQ(target.curves.size(), 1U);
+}
+
 TEST_F(TargetTest, CurveFluxIsTheShareOfTheCurves) {
   TargetSpec spec;
   spec.image = LIGHTMILL_FIXTURES "/pictures/astronaut.png";
@@ -373,6 +430,22 @@ TEST_F(TargetTest, WhatIsNotUnderstoodIsAWarningWithItsLine) {
   EXPECT_THAT(target.warnings[1], HasSubstr("drawing.svg:4: <blob>"));
   EXPECT_THAT(target.warnings[2], HasSubstr("drawing.svg:5: transform"));
   EXPECT_THAT(target.warnings[3], HasSubstr("drawing.svg:6: path data"));
+}
+
+TEST_F(TargetTest, ExplodingUsesAndDeepNestingAreRefused) {
+  std::string body = R"svg(<rect id="u0" width="1" height="1" fill="white"/>)svg";
+  for (int k = 1; k < 14; ++k) {
+    const std::string one = "<use href=\"#u" + std::to_string(k - 1) + "\"/>";
+    body += "<g id=\"u" + std::to_string(k) + "\">";
+    for (int copy = 0; copy < 10; ++copy) body += one;
+    body += "</g>";
+  }
+  EXPECT_THROW(load_target(drawing(body)), InputError);
+  std::string deep;
+  for (int k = 0; k < 5000; ++k) deep += "<g>";
+  deep += R"svg(<rect width="9" height="9" fill="white"/>)svg";
+  for (int k = 0; k < 5000; ++k) deep += "</g>";
+  EXPECT_THROW(load_target(drawing(deep)), InputError);
 }
 
 TEST_F(TargetTest, AUseThatContainsItselfEnds) {
