@@ -20,7 +20,7 @@ struct Caustic {
   double fresnel_reflected = 0;    ///< partly reflected at entry and exit
   double shadowed = 0;             ///< meets the relief a second time
   double through_rim = 0;          ///< would have to enter through the lens's side
-  Box2 reflected_from, shadowed_from, rim_from;  ///< where on the lens (x, y) that light is lost; empty: nowhere
+  Box2 reflected_from{}, shadowed_from{}, rim_from{};  ///< where on the lens (x, y) that light is lost; empty: nowhere
 };
 
 struct CausticOptions {

@@ -10,9 +10,9 @@ struct Dialect {
   std::string_view name;             ///< [controller] kind
   std::string_view title;
   std::string_view extension = ".nc";
-  std::string_view modes;            ///< beside the safe modes of the first block
-  std::string_view smoothing_on;     ///< blocks around the cut
-  std::string_view smoothing_off;
+  std::string_view modes{};            ///< beside the safe modes of the first block
+  std::string_view smoothing_on{};     ///< blocks around the cut
+  std::string_view smoothing_off{};
   int most_decimals = 8;
   bool percent = false;              ///< the program stands between two lines of %
   bool program_number = false;       ///< O word on the first line
