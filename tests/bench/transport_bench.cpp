@@ -1,8 +1,14 @@
-// Seconds, evaluations and errors of the transport solver on the standard targets.
-// transport_bench [target] [samples] [rectangle|disk] [trace]; without arguments: all targets at 65,536 samples.
+// Seconds by phase, evaluations, errors and memory of the transport solver, each case in a process of its own.
+// transport_bench [TARGET] [SAMPLES] [rectangle|disk] [newton|lbfgs] [trace]; without arguments: all targets at 65,536 samples.
+// transport_bench sizes: smooth, photo, rings and strokes at 16k, 66k, 262k and 1.05M samples, and the paper's L-BFGS alone at
+// 16k as a ratio of seconds, as a table.
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <ctime>
 #include <string>
 #include <vector>
@@ -17,6 +23,41 @@ namespace {
 TargetLight target_of(const std::string& name) {
   TargetSpec spec;
   const std::string pictures = LIGHTMILL_FIXTURES "/pictures/";
+  if (name == "smooth") {
+    // Five hills over a floor of 2 %.
+    TargetLight target;
+    target.extent = Box2::centred(spec.size_mm);
+    target.area_flux = Grid<double>(512, 512);
+    for (int row = 0; row < 512; ++row) {
+      for (int column = 0; column < 512; ++column) {
+        double light = 0.02;
+        for (int hill = 0; hill < 5; ++hill) {
+          const double x = column / 512.0 - 0.5 - 0.3 * std::cos(1.3 + 2.5 * hill);
+          const double y = row / 512.0 - 0.5 - 0.3 * std::sin(1.3 + 2.5 * hill);
+          light += std::exp(-(x * x + y * y) / (0.01 + 0.003 * hill));
+        }
+        target.area_flux.at(column, row) = light;
+      }
+    }
+    target.normalise();
+    return target;
+  }
+  if (name == "strokes") {
+    // A closed network: three Lissajous strokes of different weight on black.
+    TargetLight target;
+    target.extent = Box2::centred(spec.size_mm);
+    for (int k = 0; k < 3; ++k) {
+      CurveLight curve;
+      for (int i = 0; i <= 600; ++i) {
+        const double t = 2 * kPi * i / 600;
+        curve.vertices_mm.emplace_back(42 * std::sin((k + 1) * t + 0.4), 42 * std::sin((k + 2) * t + 0.9 * k));
+        curve.density_per_mm.push_back(1 + 0.5 * k);
+      }
+      target.curves.push_back(curve);
+    }
+    target.normalise();
+    return target;
+  }
   if (name == "points") {
     TargetLight target;
     target.extent = Box2::centred(spec.size_mm);
@@ -30,44 +71,97 @@ TargetLight target_of(const std::string& name) {
   return load_target(spec);
 }
 
-bool run(const std::string& name, int samples, bool disk, bool trace) {
+struct Case {
+  std::string target;
+  int samples = 65536;
+  bool disk = false;
+  bool lbfgs = false;
+  bool trace = false;
+};
+
+/// Seconds it took, or less than 0.
+double run(const Case& what) {
   SourceLight source;
-  if (disk) source.shape = SourceLight::Shape::kDisk;
+  if (what.disk) source.shape = SourceLight::Shape::kDisk;
   TransportOptions options;
-  options.samples = samples;
-  const TargetLight target = target_of(name);
+  options.samples = what.samples;
+  if (what.lbfgs) options.solver = TransportSolver::kLbfgs;
+  const TargetLight target = target_of(what.target);
   Monitor monitor;
-  if (trace)
-    monitor.on_progress = [](std::string_view what, double f) {
-      std::fprintf(stderr, "%.3f %.*s\n", f, int(what.size()), what.data());
+  if (what.trace)
+    monitor.on_progress = [](std::string_view message, double f) {
+      std::fprintf(stderr, "%.3f %.*s\n", f, int(message.size()), message.data());
     };
   const std::clock_t start = std::clock();
   const auto cpu = [&] { return double(std::clock() - start) / CLOCKS_PER_SEC; };
+  std::printf("| %s%s%s ", what.target.c_str(), what.disk ? ", disk" : "", what.lbfgs ? ", L-BFGS alone" : "");
   try {
     const TransportMap map = solve_transport(source, target, options, monitor);
     const auto& s = map.summary;
-    std::printf("%-10s %-9s %7d samples  %6.2f s  %6.2f cpu s  %4d evaluations  l1 %.1e  max %.1e  empty %d\n",
-                name.c_str(), disk ? "disk" : "rectangle", s.samples, s.seconds, cpu(), s.iterations, s.l1_mass_error,
-                s.max_mass_error, s.empty_cells);
-    std::fflush(stdout);
-    return true;
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    std::printf("| %d | %.2f | %.2f | %.2f | %.2f | %.2f | %d | %.0e | %.0e | %ld |\n", s.samples, s.seconds, cpu(),
+                s.phases.diagrams, s.phases.integrals, s.phases.equations, s.iterations, s.l1_mass_error,
+                s.max_mass_error, usage.ru_maxrss / 1024);
+    return s.seconds;
   } catch (const std::exception& e) {
-    std::printf("%-10s %-9s %7d samples  %6.2f cpu s: %s\n", name.c_str(), disk ? "disk" : "rectangle", samples, cpu(),
-                e.what());
-    std::fflush(stdout);
-    return false;
+    std::printf("| %d | - | %.2f | %s |\n", what.samples, cpu(), e.what());
+    return -1;
   }
+}
+
+/// In a process of its own, so that its memory can be told.
+double run_apart(const Case& what) {
+  std::fflush(stdout);
+  int pipe_ends[2];
+  if (pipe(pipe_ends) != 0) return run(what);
+  const pid_t child = fork();
+  if (child == 0) {
+    const double seconds = run(what);
+    std::fflush(stdout);
+    const auto sent = write(pipe_ends[1], &seconds, sizeof seconds);
+    _exit(sent == sizeof seconds ? 0 : 1);
+  }
+  double seconds = -1;
+  close(pipe_ends[1]);
+  if (read(pipe_ends[0], &seconds, sizeof seconds) != sizeof seconds) seconds = -1;
+  close(pipe_ends[0]);
+  waitpid(child, nullptr, 0);
+  return seconds;
 }
 
 }  // namespace
 
 int main(int count, char** arguments) {
-  const int samples = count > 2 ? std::atoi(arguments[2]) : 65536;
-  const bool disk = count > 3 && !std::strcmp(arguments[3], "disk");
-  if (count > 1 && std::strcmp(arguments[1], "all") != 0) return run(arguments[1], samples, disk, count > 4) ? 0 : 4;
+  const std::vector<std::string> words(arguments + 1, arguments + count);
+  std::printf("| target | samples | s | CPU s | diagrams s | integrals s | equations s | evaluations | l1 | worst cell | MB |\n");
+  std::printf("|---|---|---|---|---|---|---|---|---|---|---|\n");
+  if (!words.empty() && words[0] == "sizes") {
+    bool good = true;
+    for (const char* name : {"smooth", "photo", "rings", "strokes"}) {
+      for (const int samples : {16384, 65536, 262144, 1048576}) {
+        const double seconds = run_apart({name, samples});
+        good &= seconds >= 0;
+        if (samples > 16384) continue;
+        const double reference = run_apart({name, samples, false, true});
+        if (reference > 0) std::printf("| | | L-BFGS alone takes %.1f times as long |\n", reference / seconds);
+      }
+    }
+    return good ? 0 : 4;
+  }
+  if (!words.empty() && words[0] != "all") {
+    Case what{words[0]};
+    if (words.size() > 1) what.samples = std::atoi(words[1].c_str());
+    for (std::size_t k = 2; k < words.size(); ++k) {
+      what.disk |= words[k] == "disk";
+      what.lbfgs |= words[k] == "lbfgs";
+      what.trace |= words[k] == "trace";
+    }
+    return run_apart(what) >= 0 ? 0 : 4;
+  }
   bool good = true;
   for (const char* name : {"photo", "rings", "portrait", "letter_f", "point", "points", "circle"})
-    good &= run(name, samples, disk, false);
-  if (!disk) good &= run("circle", samples, true, false);
+    good &= run_apart({name}) >= 0;
+  good &= run_apart({"circle", 65536, true}) >= 0;
   return good ? 0 : 4;
 }
