@@ -1,5 +1,6 @@
 #include "design/optics.h"
 
+#include <Eigen/Geometry>
 #include <cmath>
 
 namespace lightmill {
@@ -18,6 +19,23 @@ bool refract(const Vec3& before, const Vec3& normal, const Indices& indices, Vec
   if (!(cos_squared >= 0.0)) return false;
   after = tangential + std::sqrt(cos_squared) * onward;
   return true;
+}
+
+bool ReceiverFrame::meet(const Vec3& from_mm, const Vec3& direction, Vec2& place_mm) const {
+  const double approach = direction.dot(normal);
+  const double along = (origin_mm - from_mm).dot(normal) / approach;
+  if (!(approach > 0 && along > 0)) return false;
+  const Vec3 offset = from_mm + along * direction - origin_mm;
+  place_mm = {offset.dot(x_axis), offset.dot(y_axis)};
+  return place_mm.allFinite();
+}
+
+ReceiverFrame receiver_frame(const Lens& lens, const Receiver& receiver) {
+  const Eigen::Matrix3d turn = (Eigen::AngleAxisd(receiver.tilt_rad.y(), Vec3::UnitY()) *
+                                Eigen::AngleAxisd(receiver.tilt_rad.x(), Vec3::UnitX()))
+                                   .toRotationMatrix();
+  return {Vec3(receiver.shift_mm.x(), receiver.shift_mm.y(), lens.thickness_mm + receiver.distance_mm), turn.col(0),
+          turn.col(1), turn.col(2)};
 }
 
 }  // namespace lightmill

@@ -1,6 +1,9 @@
 // Lens, light and receiver as plain data, and refraction at one point.
 #pragma once
 
+#include <vector>
+
+#include "design/base.h"
 #include "design/core/geometry.h"
 #include "design/target.h"
 
@@ -13,18 +16,30 @@ struct Indices {
 };
 
 struct Lens {
-  enum class Shape { kRectangle, kDisk };
+  enum class Shape { kRectangle, kDisk, kOutline };
   Shape shape = Shape::kRectangle;
-  Vec2 size_mm{100, 100};
+  Vec2 size_mm{100, 100};          ///< bounding box, centred; a disk's diameter twice
+  std::vector<std::vector<Vec2>> outline_mm;  ///< closed loops of kOutline, inside by the even-odd rule: holes, parts
   double thickness_mm = 10;        ///< z of the lens's thinnest place (DESIGN.md, "Height gauge and d_TH")
   double refractive_index = 1.49;  ///< PMMA
+  Base base;                       ///< the optical surface before it is designed
 };
 
-/// A plane receiver z = lens.thickness_mm + distance_mm, origin on the z axis.
+/// A plane receiver; its origin is at z = lens.thickness_mm + distance_mm, `shift_mm` beside the z axis.
 struct Receiver {
   double distance_mm = 300;
   ViewedFrom viewed_from = ViewedFrom::kLens;
+  Vec2 shift_mm{0, 0};
+  Vec2 tilt_rad{0, 0};             ///< about the lens's X, then about its Y
 };
+
+/// Where the receiver is, in the lens frame: a point (x, y) of it is origin + x x_axis + y y_axis.
+struct ReceiverFrame {
+  Vec3 origin_mm, x_axis, y_axis, normal;
+  /// Where a ray meets the plane, in receiver coordinates. False when it does not.
+  bool meet(const Vec3& from_mm, const Vec3& direction, Vec2& place_mm) const;
+};
+ReceiverFrame receiver_frame(const Lens& lens, const Receiver& receiver);
 
 /// Unit surface normal (towards the light's exit) that bends unit direction `before` into unit direction `after`:
 /// parallel to n_i d_i - n_t d_t, turned to the side of the outgoing light.

@@ -403,7 +403,7 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
   check(source, target, options);
   const detail::OneBlasThread one_blas_thread;
   const auto start = std::chrono::steady_clock::now();
-  const std::vector<Sampling> samplings = detail::sample_source(source, options.samples, monitor);
+  const std::vector<Sampling> samplings = detail::sample_source(source, options.samples, options.seed, monitor);
 
   // The target about its own centre of mass: potentials of a concentrated target are then small, and accurate.
   const Spread spread = spread_of(target, options.point_radius_mm);
@@ -497,8 +497,11 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
   const Sampling& sampling = samplings.front();
   const std::size_t n = sampling.sites.size();
   map.sites_mm = sampling.sites;
+  for (Vec2& site : map.sites_mm) site += sampling.centre;
   map.source_masses = sampling.masses;
   map.source_centroids_mm = sampling.centroids;
+  for (Vec2& centroid : map.source_centroids_mm) centroid += sampling.centre;
+  map.summary.flux_spread = sampling.flux_spread;
   map.target_masses = result->cells.masses;
   map.target_centroids_mm.resize(n);
   map.weights_mm2.resize(n);
@@ -506,7 +509,7 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
     const double mass = map.target_masses[i];
     map.target_centroids_mm[i] =
         spread.mean + (mass > 0 ? Vec2(result->cells.collapsed_moments[i] / mass) : Vec2(0, 0));
-    map.weights_mm2[i] = sampling.sites[i].squaredNorm() - 2 * (psi[i] + spread.mean.dot(sampling.sites[i]));
+    map.weights_mm2[i] = map.sites_mm[i].squaredNorm() - 2 * (psi[i] + spread.mean.dot(sampling.sites[i]));
   }
   map.summary.samples = static_cast<int>(n);
   map.summary.l1_mass_error = result->l1_error;

@@ -7,16 +7,10 @@
 
 #include "design/core/geometry.h"
 #include "design/core/monitor.h"
+#include "design/source.h"
 #include "design/target.h"
 
 namespace lightmill {
-
-/// Where unbent light arrives on the receiver: a uniform rectangle or disk, total flux 1.
-struct SourceLight {
-  enum class Shape { kRectangle, kDisk };
-  Shape shape = Shape::kRectangle;
-  Vec2 size_mm{100, 100};  ///< of the rectangle, or the disk's diameter twice; centred on the receiver's origin
-};
 
 /// kNewton: L-BFGS in the metric of the source's Laplacian until no cell is empty, then damped Newton.
 /// kLbfgs: the paper's own, L-BFGS alone, for comparison; many times slower.
@@ -54,6 +48,7 @@ struct TransportSummary {
   double l1_mass_error = 0;     ///< DESIGN.md, "Measures"
   double max_mass_error = 0;
   int empty_cells = 0;
+  double flux_spread = 0;       ///< standard deviation of the samples' flux over its mean
   bool converged = false;
   std::string reason;           ///< why it stopped, in words
 };
