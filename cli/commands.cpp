@@ -129,7 +129,7 @@ int make(const Common& common, const std::string& job_path, const std::string& o
   const Job job = read_job_text(resolved, folder.file("job.toml").string(), folder.root());
   write_whole(folder.file("job.toml"), resolved);
 
-  const Stage last = until == "design" ? Stage::kSurface : until == "cam" ? Stage::kCam : until == "post" ? Stage::kPost : Stage::kDryRun;
+  const Stage last = until == "transport" ? Stage::kTransport : until == "design" ? Stage::kSurface : until == "cam" ? Stage::kCam : until == "post" ? Stage::kPost : Stage::kDryRun;
   for (const Stage stage : kAllStages) {
     if (stage > last) break;
     const Monitor monitor = progress.stage(stage_name(stage));
@@ -434,7 +434,7 @@ int run_command_line(int argc, char** argv) {
   CLI::App* sub = command("make", "the whole chain: design, tool paths, programs, dry run and report", "make portrait.toml -o out");
   sub->add_option("job", job, "job file (.toml), picture or drawing")->required();
   sub->add_option("-o,--out", out, "run folder")->required();
-  sub->add_option("--until", until, "stop after this stage")->check(CLI::IsMember({"design", "cam", "post", "dry-run"}));
+  sub->add_option("--until", until, "stop after this stage")->check(CLI::IsMember({"transport", "design", "cam", "post", "dry-run"}));
   on(sub, [&] { return make(common, job, out, until); });
 
   sub = command("resume", "go on after an interruption, from the first stage that is not done", "resume out");

@@ -6,6 +6,8 @@
 #include "cli/stage_runs.h"
 #include "design/caustic.h"
 #include "design/core/errors.h"
+#include "design/mesh.h"
+#include "design/source.h"
 
 namespace lightmill {
 
@@ -49,11 +51,43 @@ TransportMap read_map(const RunFolder& folder) {
   return map;
 }
 
-SourceLight source_of(const Job& job) {
-  SourceLight source;
-  source.shape = job.lens.shape == Lens::Shape::kDisk ? SourceLight::Shape::kDisk : SourceLight::Shape::kRectangle;
-  source.size_mm = job.lens.size_mm;
-  return source;
+/// A file's picture over a box: row 0 at the smallest y.
+Grid<float> over_box(const Grid<float>& picture) { return flipped_rows(picture); }
+
+/// Lens and light with what their files say.
+TracedSource source_of(const Job& job) {
+  Lens lens = job.lens;
+  Light light = job.light.beam;
+  const SourceFiles& files = job.source_files;
+  if (lens.shape == Lens::Shape::kOutline) lens.outline_mm = read_outline(files.outline.string(), lens.size_mm);
+  if (lens.base.kind == Base::Kind::kImage) {
+    lens.base.heights_mm = over_box(read_float_image(files.base));
+    for (float& h : lens.base.heights_mm.values) h *= static_cast<float>(files.base_scale_mm);
+    lens.base.extent = Box2::centred(lens.size_mm);
+  }
+  if (lens.base.kind == Base::Kind::kMesh) lens.base.mesh = read_ply(files.base);
+  if (light.kind == Light::Kind::kMesh) {
+    const auto [mesh, intensities] = read_intensity_ply(files.light_mesh);
+    light.mesh.positions_mm = mesh.vertices;
+    light.mesh.directions = mesh.normals;
+    light.mesh.intensities = intensities.empty() ? std::vector<double>(mesh.vertices.size(), 1.0) : intensities;
+    light.mesh.triangles = mesh.triangles;
+  }
+  if (light.profile.kind == Profile::Kind::kImage) light.profile.image = over_box(read_picture(files.light_image).gray);
+  TracedSource traced = trace_source(lens, light, job.receiver);
+  if (traced.report.folded.share > 0) {
+    SourceReport fold;
+    fold.folded = traced.report.folded;
+    throw InputError("light: " + fold.words().front() +
+                     "; no surface can sort light that is mixed before it; move the receiver (receiver.distance_mm) or flatten the base");
+  }
+  return traced;
+}
+
+json to_json(const SourceFault& fault) {
+  json place = {{"share", fault.share}};
+  if (fault.share > 0) place["lens_mm"] = {fault.lens_mm.x(), fault.lens_mm.y()};
+  return place;
 }
 
 Vec2 picture_pixels(const Box2& extent) {
@@ -107,7 +141,19 @@ json to_json(const CausticMeasures& measures) {
 StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor& monitor) {
   const TargetLight target = target_of(job);
   monitor.report("target read", 0);
-  const TransportMap map = solve_transport(source_of(job), target, job.transport, monitor);
+  const TracedSource traced = source_of(job);
+  const SourceLight& source = traced.source;
+  const TransportMap map = solve_transport(source, target, job.transport, monitor);
+  Box2 lit = Box2::centred(source.size_mm);
+  if (source.shape == SourceLight::Shape::kMesh) {
+    lit = {};
+    for (const Vec2& p : source.mesh.vertices_mm) lit.include(p);
+  }
+  const Vec2 pixels = picture_pixels(lit);
+  Grid<float> irradiance = rasterise_source(source, lit, static_cast<int>(pixels.x()), static_cast<int>(pixels.y()));
+  const float brightest = std::max(*std::max_element(irradiance.values.begin(), irradiance.values.end()), 1e-30F);
+  for (float& value : irradiance.values) value /= brightest;
+  write_png8(folder.file("design/source.png"), as_seen(irradiance, job.receiver.viewed_from));
   const double full_scale = write_target_pictures(job, folder, target);
   write_map(folder, map);
 
@@ -123,19 +169,32 @@ StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor
                                           {"l1_mass_error", s.l1_mass_error},
                                           {"max_mass_error", s.max_mass_error},
                                           {"empty_cells", s.empty_cells},
+                                          {"flux_spread", s.flux_spread},
                                           {"converged", s.converged},
                                           {"reason", s.reason}};
+  const SourceReport& faults = traced.report;
+  result.report["design"]["source"] = {{"totally_reflected", to_json(faults.totally_reflected)},
+                                       {"lost", to_json(faults.lost)},
+                                       {"beside_back", to_json(faults.beside_back)},
+                                       {"unlit_share", faults.unlit_share},
+                                       {"warnings", faults.words()}};
   result.report["design"]["target"] = {{"area_share", target.area_total()},
                                        {"curve_share", target.curve_total()},
                                        {"point_share", target.point_total()},
                                        {"white_times_mean", display_white(target)},
                                        {"png_full_scale_times_mean", full_scale},
                                        {"warnings", target.warnings}};
-  result.files = {"design/target.png", "design/target_view.png", "design/transport.npy", "design/transport_cells.npy"};
+  result.files = {"design/source.png", "design/target.png", "design/target_view.png", "design/transport.npy", "design/transport_cells.npy"};
   return result;
 }
 
 StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& monitor) {
+  if (!is_plain_source(job.lens, job.light.beam, job.receiver)) {
+    throw InputError(
+        "the surface is not supported yet for this source light: use kind = \"parallel\", direction = [0, 0, 1] and profile = "
+        "\"uniform\" in [light], a rectangle or disk with base = \"flat\" in [lens], no shift or tilt in [receiver]; or stop "
+        "with make --until transport");
+  }
   const TransportMap map = read_map(folder);
   const OpticalSurface surface = solve_surface(job.lens, job.receiver, map, job.surface, monitor.part(0, 0.9));
   write_ply(folder.file("design/surface.ply"), surface.mesh);

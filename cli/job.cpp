@@ -24,6 +24,11 @@ constexpr double kDegree = kPi / 180;
 constexpr std::array kSections = {"job",    "target", "lens",        "light",  "receiver", "transport",  "surface", "stock",
                                   "rough",  "semi_finish", "finish", "machine", "controller", "dry_run", "stream"};
 
+/// In the order of their enumerations.
+const std::vector<std::string_view> kBases{"flat", "sphere", "cylinder", "image", "mesh"};
+const std::vector<std::string_view> kLights{"parallel", "point", "mesh"};
+const std::vector<std::string_view> kProfiles{"uniform", "gaussian", "image"};
+
 /// Refuses what the design foresees and this version cannot do, in words that say so.
 void not_yet(TomlTable& table, std::string_view key, std::string_view what_works) {
   if (table.has(key)) throw InputError(table.complaint(key, "not supported yet: " + std::string(what_works)));
@@ -35,10 +40,6 @@ void only_choice(TomlTable& table, std::string_view key, const std::vector<std::
   if (value != known.front()) {
     throw InputError(table.complaint(key, "not supported yet: use \"" + std::string(known.front()) + "\""));
   }
-}
-
-void only_zero(TomlTable& table, std::string_view key, bool zero) {
-  if (!zero) throw InputError(table.complaint(key, "not supported yet: use 0"));
 }
 
 Vec2 positive2(TomlTable& table, std::string_view key, const Vec2& fallback) {
@@ -84,25 +85,58 @@ void read_target(TomlTable table, const fs::path& folder, Job& job) {
   not_yet(table, "color_mask", "leave it out; the lens is colourless");
 }
 
-void read_lens(TomlTable table, Job& job) {
+void read_lens(TomlTable table, const fs::path& folder, Job& job) {
   Lens& lens = job.lens;
-  not_yet(table, "outline", "use shape = \"rectangle\" or \"disk\" with size_mm");
-  lens.shape = table.choice("shape", "rectangle", {"rectangle", "disk"}) == "disk" ? Lens::Shape::kDisk : Lens::Shape::kRectangle;
+  SourceFiles& files = job.source_files;
+  files.outline = path_in(table, "outline", folder);
+  const std::string shape = table.choice("shape", files.outline.empty() ? "rectangle" : "outline", {"rectangle", "disk", "outline"});
+  lens.shape = shape == "disk" ? Lens::Shape::kDisk : shape == "outline" ? Lens::Shape::kOutline : Lens::Shape::kRectangle;
+  if ((lens.shape == Lens::Shape::kOutline) != !files.outline.empty()) {
+    throw InputError(table.complaint("shape", "an outline (outline = \"lens.svg\") and shape = \"outline\" go together"));
+  }
   lens.size_mm = positive2(table, "size_mm", lens.size_mm);
   if (lens.shape == Lens::Shape::kDisk && lens.size_mm.x() != lens.size_mm.y()) {
     throw InputError(table.complaint("size_mm", "must be the diameter twice for shape = \"disk\""));
   }
   lens.thickness_mm = positive(table, "thickness_mm", lens.thickness_mm, 1000);
   lens.refractive_index = table.number_in("refractive_index", lens.refractive_index, 1.05, 4);
-  if (!table.is_text("base")) not_yet(table, "base", "use base = \"flat\"");
-  only_choice(table, "base", {"flat", "mesh"});
+  const std::string base = table.choice("base", "flat", kBases);
+  lens.base.kind = static_cast<Base::Kind>(std::find(kBases.begin(), kBases.end(), base) - kBases.begin());
+  if (lens.base.kind == Base::Kind::kSphere || lens.base.kind == Base::Kind::kCylinder) {
+    lens.base.radius_mm = table.number_in("base_radius_mm", lens.base.radius_mm, -1e6, 1e6);
+    if (std::abs(lens.base.radius_mm) < 1) throw InputError(table.complaint("base_radius_mm", "must be at least 1 mm, or at most -1 mm for a hollow base"));
+  }
+  if (lens.base.kind == Base::Kind::kCylinder) lens.base.axis_rad = kDegree * table.number_in("base_axis_deg", 0, -360, 360);
+  if (lens.base.kind == Base::Kind::kImage || lens.base.kind == Base::Kind::kMesh) {
+    files.base = path_in(table, "base_file", folder);
+    if (files.base.empty()) throw InputError(table.complaint("base_file", "missing; name the height image or the PLY of the base"));
+  }
+  if (lens.base.kind == Base::Kind::kImage) files.base_scale_mm = table.number_in("base_scale_mm", files.base_scale_mm, -1000, 1000);
 }
 
-void read_light(TomlTable table, Job& job) {
-  only_choice(table, "kind", {"parallel", "point", "mesh"});
-  const Vec3 direction = table.vector3("direction", Vec3::UnitZ());
-  if (direction != Vec3::UnitZ()) throw InputError(table.complaint("direction", "not supported yet: use [0, 0, 1]"));
-  only_choice(table, "profile", {"uniform", "gaussian", "image"});
+void read_light(TomlTable table, const fs::path& folder, Job& job) {
+  Light& beam = job.light.beam;
+  const std::string kind = table.choice("kind", "parallel", kLights);
+  beam.kind = static_cast<Light::Kind>(std::find(kLights.begin(), kLights.end(), kind) - kLights.begin());
+  if (beam.kind == Light::Kind::kParallel) {
+    beam.direction = table.vector3("direction", beam.direction);
+    if (!(beam.direction.allFinite() && beam.direction.z() > 0)) throw InputError(table.complaint("direction", "its z must be above 0: light travels along +Z through the lens"));
+  } else if (beam.kind == Light::Kind::kPoint) {
+    beam.position_mm = table.vector3("position_mm", beam.position_mm);
+    if (!(beam.position_mm.allFinite() && beam.position_mm.z() < 0)) throw InputError(table.complaint("position_mm", "its z must be below 0: the lens's back is z = 0"));
+  } else {
+    job.source_files.light_mesh = path_in(table, "mesh", folder);
+    if (job.source_files.light_mesh.empty()) throw InputError(table.complaint("mesh", "missing; name the light's PLY"));
+  }
+  const std::string profile = table.choice("profile", "uniform", kProfiles);
+  beam.profile.kind = static_cast<Profile::Kind>(std::find(kProfiles.begin(), kProfiles.end(), profile) - kProfiles.begin());
+  if (beam.profile.kind == Profile::Kind::kGaussian) {
+    beam.profile.sigma_mm = positive(table, "sigma_mm", beam.profile.sigma_mm, 10000);
+    beam.profile.centre_mm = table.vector2("centre_mm", beam.profile.centre_mm);
+  } else if (beam.profile.kind == Profile::Kind::kImage) {
+    job.source_files.light_image = path_in(table, "image", folder);
+    if (job.source_files.light_image.empty()) throw InputError(table.complaint("image", "missing; name the picture of the profile"));
+  }
   job.light.angular_diameter_rad = kDegree * table.number_in("angular_diameter_deg", 0, 0, 20);
 }
 
@@ -110,8 +144,11 @@ void read_receiver(TomlTable table, Job& job) {
   job.receiver.distance_mm = positive(table, "distance_mm", job.receiver.distance_mm, 1e6);
   const bool behind = table.choice("viewed_from", "lens", {"lens", "behind"}) == "behind";
   job.receiver.viewed_from = job.target.viewed_from = behind ? ViewedFrom::kBehind : ViewedFrom::kLens;
-  only_zero(table, "tilt_deg", table.vector2("tilt_deg", Vec2::Zero()).isZero(0));
-  only_zero(table, "shift_mm", table.vector2("shift_mm", Vec2::Zero()).isZero(0));
+  const Vec2 tilt_deg = table.vector2("tilt_deg", Vec2::Zero());
+  if (!(tilt_deg.cwiseAbs().maxCoeff() <= 80)) throw InputError(table.complaint("tilt_deg", "must be two angles of at most 80 degrees"));
+  job.receiver.tilt_rad = kDegree * tilt_deg;
+  job.receiver.shift_mm = table.vector2("shift_mm", Vec2::Zero());
+  if (!(job.receiver.shift_mm.cwiseAbs().maxCoeff() <= 1e6)) throw InputError(table.complaint("shift_mm", "must be two lengths of at most 1e6 mm"));
 }
 
 void read_transport(TomlTable table, Job& job) {
@@ -250,8 +287,8 @@ Job read_table(TomlTable root, const fs::path& folder, Job job) {
   job.semi_finish.options.allowance_mm = 0.05;
   job.finish.options.pass = "finish";
   read_target(root.table("target"), folder, job);
-  read_lens(root.table("lens"), job);
-  read_light(root.table("light"), job);
+  read_lens(root.table("lens"), folder, job);
+  read_light(root.table("light"), folder, job);
   read_receiver(root.table("receiver"), job);
   read_transport(root.table("transport"), job);
   read_surface(root.table("surface"), job);
@@ -385,19 +422,34 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   target.put("background", job.target.background)
       .put("transfer", job.target.transfer == Transfer::kAuto ? "auto" : job.target.transfer == Transfer::kSrgb ? "srgb" : "linear");
   sections["target"] = target;
-  sections["lens"] = Section()
-                         .put("shape", job.lens.shape == Lens::Shape::kDisk ? "disk" : "rectangle")
-                         .put("size_mm", job.lens.size_mm)
-                         .put("thickness_mm", job.lens.thickness_mm)
-                         .put("refractive_index", job.lens.refractive_index)
-                         .put("base", "flat");
-  sections["light"] = Section()
-                          .put("kind", "parallel")
-                          .put("direction", Vec3(0, 0, 1))
-                          .put("profile", "uniform")
-                          .put("angular_diameter_deg", job.light.angular_diameter_rad / kDegree);
+  const SourceFiles& files = job.source_files;
+  Section lens;
+  lens.put("shape", job.lens.shape == Lens::Shape::kDisk ? "disk" : job.lens.shape == Lens::Shape::kOutline ? "outline" : "rectangle");
+  if (!files.outline.empty()) lens.put("outline", files.outline);
+  const Base& base = job.lens.base;
+  lens.put("size_mm", job.lens.size_mm)
+      .put("thickness_mm", job.lens.thickness_mm)
+      .put("refractive_index", job.lens.refractive_index)
+      .put("base", std::string(kBases[static_cast<std::size_t>(base.kind)]));
+  if (base.kind == Base::Kind::kSphere || base.kind == Base::Kind::kCylinder) lens.put("base_radius_mm", base.radius_mm);
+  if (base.kind == Base::Kind::kCylinder) lens.put("base_axis_deg", base.axis_rad / kDegree);
+  if (!files.base.empty()) lens.put("base_file", files.base);
+  if (base.kind == Base::Kind::kImage) lens.put("base_scale_mm", files.base_scale_mm);
+  sections["lens"] = lens;
+  const Light& beam = job.light.beam;
+  Section light;
+  light.put("kind", std::string(kLights[static_cast<std::size_t>(beam.kind)]));
+  if (beam.kind == Light::Kind::kParallel) light.put("direction", beam.direction);
+  if (beam.kind == Light::Kind::kPoint) light.put("position_mm", beam.position_mm);
+  if (!files.light_mesh.empty()) light.put("mesh", files.light_mesh);
+  light.put("profile", std::string(kProfiles[static_cast<std::size_t>(beam.profile.kind)]));
+  if (beam.profile.kind == Profile::Kind::kGaussian) light.put("sigma_mm", beam.profile.sigma_mm).put("centre_mm", beam.profile.centre_mm);
+  if (!files.light_image.empty()) light.put("image", files.light_image);
+  sections["light"] = light.put("angular_diameter_deg", job.light.angular_diameter_rad / kDegree);
   sections["receiver"] = Section()
                              .put("distance_mm", job.receiver.distance_mm)
+                             .put("shift_mm", job.receiver.shift_mm)
+                             .put("tilt_deg", Vec2(job.receiver.tilt_rad / kDegree))
                              .put("viewed_from", job.receiver.viewed_from == ViewedFrom::kLens ? "lens" : "behind");
   sections["transport"] = Section()
                               .put("solver", job.transport.solver == TransportSolver::kLbfgs ? "lbfgs" : "newton")

@@ -10,6 +10,7 @@
 #include "cam/cutter.h"
 #include "cam/finishing.h"
 #include "cam/roughing.h"
+#include "design/light.h"
 #include "design/optics.h"
 #include "design/surface.h"
 #include "design/target.h"
@@ -17,7 +18,17 @@
 
 namespace lightmill {
 
+/// Files that shape the source light; read when the light is traced, so that a job can be read without them.
+struct SourceFiles {
+  std::filesystem::path outline;        ///< SVG; its view box is stretched onto lens.size_mm
+  std::filesystem::path base;           ///< height image, or PLY
+  double base_scale_mm = 1;             ///< height of a pixel of value 1 in the image
+  std::filesystem::path light_mesh;     ///< PLY: vertex normals are the directions, `intensity` the flux per mm^2
+  std::filesystem::path light_image;    ///< the profile over the lens's bounding box, seen from the exit
+};
+
 struct LightSpec {
+  Light beam;                           ///< without what is in files
   double angular_diameter_rad = 0;      ///< blurs the predicted picture only
 };
 
@@ -71,6 +82,7 @@ struct Job {
   TargetSpec target;
   Lens lens;
   LightSpec light;
+  SourceFiles source_files;
   Receiver receiver;
   TransportOptions transport;
   SurfaceOptions surface;

@@ -56,9 +56,16 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
   switch (stage) {
     case Stage::kTransport:
       target();
-      inputs.text(job.lens.shape == Lens::Shape::kDisk ? "disk" : "rectangle")
-          .text(compact(job.lens.size_mm.x(), 9) + "x" + compact(job.lens.size_mm.y(), 9))
-          .text(sections.at("transport"));
+      if (is_plain_source(job.lens, job.light.beam, job.receiver)) {
+        // Distance, index and thickness do not move unbent light.
+        inputs.text(job.lens.shape == Lens::Shape::kDisk ? "disk" : "rectangle")
+            .text(compact(job.lens.size_mm.x(), 9) + "x" + compact(job.lens.size_mm.y(), 9));
+      } else {
+        const SourceFiles& files = job.source_files;
+        for (const char* name : {"lens", "light", "receiver"}) inputs.text(sections.at(name));
+        inputs.file(files.outline).file(files.base).file(files.light_mesh).file(files.light_image);
+      }
+      inputs.text(sections.at("transport"));
       break;
     case Stage::kSurface:
       target();

@@ -11,8 +11,8 @@ namespace lightmill {
 namespace {
 
 [[noreturn]] void no_base(const Vec2& place, const char* why) {
-  throw InputError("lens.base: there is no base surface at x = " + fixed(place.x(), 3) + " mm, y = " + fixed(place.y(), 3) +
-                   " mm, " + why);
+  throw InputError("lens.base: there is no base surface at x = " + fixed(place.x(), 3) +
+                   " mm, y = " + fixed(place.y(), 3) + " mm, " + why);
 }
 
 /// Height and normal of a circle's arc at `radial` from its axis, `along` the radial unit vector.
@@ -30,7 +30,9 @@ BasePoint image_at(const Base& base, const Vec2& place) {
   const auto& grid = base.heights_mm;
   const Vec2 pitch = base.extent.size().cwiseQuotient(Vec2(grid.width, grid.height));
   const Vec2 at = (place - base.extent.min).cwiseQuotient(pitch) - Vec2(0.5, 0.5);
-  const auto cell = [](double x, int count) { return std::clamp(static_cast<int>(std::floor(x)), 0, std::max(count - 2, 0)); };
+  const auto cell = [](double x, int count) {
+    return std::clamp(static_cast<int>(std::floor(x)), 0, std::max(count - 2, 0));
+  };
   const int i = cell(at.x(), grid.width);
   const int j = cell(at.y(), grid.height);
   const int right = std::min(i + 1, grid.width - 1);
@@ -67,14 +69,18 @@ BasePoint mesh_at(const SurfaceMesh& mesh, const Vec2& place) {
 
 BasePoint base_at(const Base& base, const Vec2& place_mm) {
   switch (base.kind) {
-    case Base::Kind::kFlat: break;
-    case Base::Kind::kSphere: return arc(base.radius_mm, place_mm, place_mm);
+    case Base::Kind::kFlat:
+      break;
+    case Base::Kind::kSphere:
+      return arc(base.radius_mm, place_mm, place_mm);
     case Base::Kind::kCylinder: {
       const Vec2 across(-std::sin(base.axis_rad), std::cos(base.axis_rad));
       return arc(base.radius_mm, across * across.dot(place_mm), place_mm);
     }
-    case Base::Kind::kImage: return image_at(base, place_mm);
-    case Base::Kind::kMesh: return mesh_at(base.mesh, place_mm);
+    case Base::Kind::kImage:
+      return image_at(base, place_mm);
+    case Base::Kind::kMesh:
+      return mesh_at(base.mesh, place_mm);
   }
   return {};
 }

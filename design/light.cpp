@@ -11,7 +11,9 @@ namespace lightmill {
 
 namespace {
 
-double cross2(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
+double cross2(const Vec2& a, const Vec2& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
 
 Vec3 refracted_at_back(const Vec3& in_air, double index) {
   Vec3 inside;
@@ -22,7 +24,10 @@ Vec3 refracted_at_back(const Vec3& in_air, double index) {
 }  // namespace
 
 Illumination::Illumination(const Light& light, const Lens& lens)
-    : light_(light), index_(lens.refractive_index), reference_mm_(lens.thickness_mm), box_(Box2::centred(lens.size_mm)) {
+    : light_(light),
+      index_(lens.refractive_index),
+      reference_mm_(lens.thickness_mm),
+      box_(Box2::centred(lens.size_mm)) {
   if (light.kind == Light::Kind::kParallel && !(light.direction.z() > 0 && light.direction.allFinite()))
     throw InputError("light.direction: its z must be above 0, the light travels along +Z through the lens");
   if (light.kind == Light::Kind::kPoint && !(light.position_mm.z() < 0 && light.position_mm.allFinite()))
@@ -44,15 +49,17 @@ Illumination::Illumination(const Light& light, const Lens& lens)
     const Vec3& p = mesh.positions_mm[v];
     if (!(d.z() > 0) || !(p.z() <= 0) || !(mesh.intensities[v] >= 0))
       throw InputError("light.mesh, vertex " + std::to_string(v) +
-                       ": must lie behind the back (z <= 0), send its light towards it (nz > 0) and have an intensity of at least 0");
+                       ": must lie behind the back (z <= 0), send its light towards it (nz > 0) and have an intensity "
+                       "of at least 0");
     inside_.push_back(refracted_at_back(d, index_));
     entries_.emplace_back(p.head<2>() - p.z() / d.z() * d.head<2>());
     landed_.emplace_back(entries_[v] + reference_mm_ / inside_[v].z() * inside_[v].head<2>());
     landed_box_.include(landed_[v]);
   }
   for (const auto& t : mesh.triangles) {
-    const double before =
-        (mesh.positions_mm[t[1]] - mesh.positions_mm[t[0]]).cross(mesh.positions_mm[t[2]] - mesh.positions_mm[t[0]]).norm();
+    const double before = (mesh.positions_mm[t[1]] - mesh.positions_mm[t[0]])
+                              .cross(mesh.positions_mm[t[2]] - mesh.positions_mm[t[0]])
+                              .norm();
     const double after = std::abs(cross2(landed_[t[1]] - landed_[t[0]], landed_[t[2]] - landed_[t[0]]));
     for (const int v : t) {
       sent[v] += before;
@@ -83,7 +90,8 @@ double Illumination::profile(const Vec2& entry) const {
   if (p.kind == Profile::Kind::kGaussian)
     return std::exp(-(entry - p.centre_mm).squaredNorm() / (2 * p.sigma_mm * p.sigma_mm));
   if (!box_.contains(entry)) return 0;
-  const Vec2 at = (entry - box_.min).cwiseQuotient(box_.size()).cwiseProduct(Vec2(p.image.width, p.image.height)) - Vec2(0.5, 0.5);
+  const Vec2 at =
+      (entry - box_.min).cwiseQuotient(box_.size()).cwiseProduct(Vec2(p.image.width, p.image.height)) - Vec2(0.5, 0.5);
   const auto part = [](double x, int count, int& low, int& high) {
     x = std::clamp(x, 0.0, count - 1.0);
     low = static_cast<int>(x);

@@ -166,8 +166,11 @@ class PlyReader {
     if (!has_normals) mesh.normals = angle_weighted_normals(mesh.vertices, mesh.triangles);
     return mesh;
   }
+  [[nodiscard]] const std::vector<double>& intensities() const { return intensities_; }
 
  private:
+  std::vector<double> intensities_;
+
   [[noreturn]] void fail(const std::string& reason) const {
     throw InputError(path_.string() + ": not a readable PLY surface: " + reason);
   }
@@ -287,11 +290,11 @@ class PlyReader {
 
   bool read_vertices(const PlyElement& element, SurfaceMesh& mesh) {
     check_count(element);
-    const char* names[6] = {"x", "y", "z", "nx", "ny", "nz"};
-    bool present[6] = {};
+    const char* names[7] = {"x", "y", "z", "nx", "ny", "nz", "intensity"};
+    bool present[7] = {};
     std::vector<int> role(element.properties.size(), -1);
     for (std::size_t p = 0; p < element.properties.size(); ++p) {
-      for (int k = 0; k < 6; ++k) {
+      for (int k = 0; k < 7; ++k) {
         if (element.properties[p].name == names[k] && !element.properties[p].is_list) {
           role[p] = k;
           present[k] = true;
@@ -303,7 +306,7 @@ class PlyReader {
     mesh.vertices.resize(element.count);
     if (has_normals) mesh.normals.resize(element.count);
     for (std::size_t v = 0; v < element.count; ++v) {
-      double values[6] = {};
+      double values[7] = {};
       for (std::size_t p = 0; p < element.properties.size(); ++p) {
         const PlyProperty& property = element.properties[p];
         const std::size_t count = property.is_list ? next_count(property.count_type) : 1;
@@ -316,6 +319,7 @@ class PlyReader {
         if (!std::isfinite(value)) fail("vertex " + std::to_string(v) + " is not finite");
       }
       mesh.vertices[v] = {values[0], values[1], values[2]};
+      if (present[6]) intensities_.push_back(values[6]);
       if (has_normals) {
         const Vec3 normal(values[3], values[4], values[5]);
         const double length = normal.norm();
@@ -550,6 +554,15 @@ OpticalPart optical_part(const SurfaceMesh& mesh) {
   // Normals at the rim must not lean towards the walls.
   part.mesh.normals = angle_weighted_normals(part.mesh.vertices, part.mesh.triangles);
   return part;
+}
+
+IntensityMesh read_intensity_ply(const std::filesystem::path& path) {
+  const std::string content = read_whole(path);
+  PlyReader reader(path, content);
+  IntensityMesh result;
+  result.mesh = reader.read();
+  result.intensities = reader.intensities();
+  return result;
 }
 
 }  // namespace lightmill

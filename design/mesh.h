@@ -44,4 +44,11 @@ struct OpticalPart {
 /// Throws InputError when no triangle faces +Z. A mesh that is an optical surface already comes back as it is.
 OpticalPart optical_part(const SurfaceMesh& mesh);
 
+/// A mesh with the vertex property `intensity` (empty when the file has none).
+struct IntensityMesh {
+  SurfaceMesh mesh;
+  std::vector<double> intensities;
+};
+IntensityMesh read_intensity_ply(const std::filesystem::path& path);
+
 }  // namespace lightmill

@@ -68,7 +68,9 @@ struct Beam {
   bool beside_back = false;
 };
 
-std::string at(const Vec2& p) { return "x = " + fixed(p.x(), 2) + ", y = " + fixed(p.y(), 2) + " mm"; }
+std::string at(const Vec2& p) {
+  return "x = " + fixed(p.x(), 2) + ", y = " + fixed(p.y(), 2) + " mm";
+}
 
 }  // namespace
 
@@ -84,12 +86,17 @@ std::vector<std::string> SourceReport::words() const {
   std::vector<std::string> lines;
   const auto percent = [](double share) { return compact(100 * share, 4) + " % of the light "; };
   if (totally_reflected.share > 0)
-    lines.push_back(percent(totally_reflected.share) + "is totally reflected at the base surface, first at lens " + at(totally_reflected.lens_mm));
-  if (lost.share > 0) lines.push_back(percent(lost.share) + "never meets the receiver, first from lens " + at(lost.lens_mm));
+    lines.push_back(percent(totally_reflected.share) + "is totally reflected at the base surface, first at lens " +
+                    at(totally_reflected.lens_mm));
+  if (lost.share > 0)
+    lines.push_back(percent(lost.share) + "never meets the receiver, first from lens " + at(lost.lens_mm));
   if (folded.share > 0)
-    lines.push_back(percent(folded.share) + "folds over the rest, first from lens " + at(folded.lens_mm) + " to receiver " + at(folded.receiver_mm));
+    lines.push_back(percent(folded.share) + "folds over the rest, first from lens " + at(folded.lens_mm) +
+                    " to receiver " + at(folded.receiver_mm));
   if (beside_back.share > 0)
-    lines.push_back(percent(beside_back.share) + "would have to enter through the lens's side, first at back " + at(beside_back.lens_mm));
+    lines.push_back(percent(beside_back.share) +
+                    "would have to enter through the lens's side or a hole's, first for lens " +
+                    at(beside_back.lens_mm));
   if (unlit_share > 0) lines.push_back(compact(100 * unlit_share, 4) + " % of the lens is not lit");
   return lines;
 }
@@ -133,7 +140,8 @@ TracedSource trace_source(const Lens& lens, const Light& light, const Receiver& 
     Beam& beam = beams[v];
     // From the plane z = const to the surface above the same x-y area.
     beam.irradiance = ray.irradiance * std::max(0.0, facing / (base[v].normal.z() * ray.direction.z()));
-    beam.beside_back = beam.irradiance > 0 && !in_lens(lens, ray.entry_mm) && !in_lens(lens, ray.entry_mm + 1e-9 * (p - ray.entry_mm));
+    beam.beside_back =
+        beam.irradiance > 0 && !in_lens(lens, ray.entry_mm) && !in_lens(lens, ray.entry_mm + 1e-9 * (p - ray.entry_mm));
     Vec3 out;
     if (!refract(ray.direction, base[v].normal, {lens.refractive_index, 1}, out)) {
       beam.fate = Beam::Fate::kReflected;
@@ -160,7 +168,8 @@ TracedSource trace_source(const Lens& lens, const Light& light, const Receiver& 
       if (fault.share == 0) fault.lens_mm = plane.vertices[v];
       fault.share += flux;
     };
-    for (const auto& [fate, fault] : {std::pair{Beam::Fate::kReflected, &report.totally_reflected}, std::pair{Beam::Fate::kLost, &report.lost}}) {
+    for (const auto& [fate, fault] :
+         {std::pair{Beam::Fate::kReflected, &report.totally_reflected}, std::pair{Beam::Fate::kLost, &report.lost}}) {
       for (const int v : t) {
         if (!arrives || beams[v].fate != fate) continue;
         if (flux > 0) note(*fault, v);
@@ -203,7 +212,8 @@ TracedSource trace_source(const Lens& lens, const Light& light, const Receiver& 
       after[v] += std::abs(image);
     }
   }
-  for (SourceFault* fault : {&report.totally_reflected, &report.lost, &report.folded, &report.beside_back}) fault->share /= total;
+  for (SourceFault* fault : {&report.totally_reflected, &report.lost, &report.folded, &report.beside_back})
+    fault->share /= total;
   report.unlit_share = unlit / area_sum;
 
   SourceLight& source = traced.source;
@@ -228,7 +238,9 @@ TracedSource trace_source(const Lens& lens, const Light& light, const Receiver& 
   source.size_mm = box.size();
   const double flux = mesh.flux();
   if (!(flux > 0 && source.size_mm.minCoeff() > 1e-9 * lens.size_mm.maxCoeff()))
-    throw InputError("light: the base surface focuses all of it on a point or a line of the receiver; move the receiver (distance_mm)");
+    throw InputError(
+        "light: the base surface focuses all of it on a point or a line of the receiver; move the receiver "
+        "(distance_mm)");
   for (double& e : mesh.irradiance_per_mm2) e /= flux;
   return traced;
 }
@@ -267,13 +279,16 @@ Grid<float> rasterise_source(const SourceLight& source, const Box2& extent, int 
     if (!(area > 0)) continue;
     Box2 box;
     for (const Vec2& p : {a, b, c}) box.include((p - extent.min).cwiseQuotient(pitch) - Vec2(0.5, 0.5));
-    for (int j = std::max(0, static_cast<int>(std::ceil(box.min.y()))); j <= std::min(height - 1, static_cast<int>(std::floor(box.max.y()))); ++j) {
-      for (int i = std::max(0, static_cast<int>(std::ceil(box.min.x()))); i <= std::min(width - 1, static_cast<int>(std::floor(box.max.x()))); ++i) {
+    for (int j = std::max(0, static_cast<int>(std::ceil(box.min.y())));
+         j <= std::min(height - 1, static_cast<int>(std::floor(box.max.y()))); ++j) {
+      for (int i = std::max(0, static_cast<int>(std::ceil(box.min.x())));
+           i <= std::min(width - 1, static_cast<int>(std::floor(box.max.x()))); ++i) {
         const Vec2 p = centre(i, j);
         const double u = doubled_area(p, b, c) / area, v = doubled_area(a, p, c) / area, w = 1 - u - v;
         // Half open, so that a centre on an edge counts once or so.
         if (u < 0 || v < 0 || w <= 0) continue;
-        picture.at(i, j) += static_cast<float>(u * mesh.irradiance_per_mm2[t[0]] + v * mesh.irradiance_per_mm2[t[1]] + w * mesh.irradiance_per_mm2[t[2]]);
+        picture.at(i, j) += static_cast<float>(u * mesh.irradiance_per_mm2[t[0]] + v * mesh.irradiance_per_mm2[t[1]] +
+                                               w * mesh.irradiance_per_mm2[t[2]]);
       }
     }
   }

@@ -19,7 +19,9 @@ constexpr int kMostFine = 16;            // on the others, which start near
 constexpr double kOverRelaxation = 1.5;  // of Lloyd's step; below 2 the energy still falls
 constexpr double kBridge = 1e-3;         // of the mean weight, between neighbours with no light on their border
 
-double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
+double cross(const Vec2& a, const Vec2& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
 
 /// Integrals over one cell, or over its part in one triangle.
 struct Integrals {
@@ -56,8 +58,11 @@ Integrals integrate(const std::vector<Corner>& polygon) {
     sum.mass += area * all / 3;
     sum.moment += area / 12 * ((all + r) * a.place + (all + s) * b.place + (all + t) * c.place);
     sum.squared += area / 12 * (all * all + r * r + s * s + t * t);
-    const auto weight = [](double x, double y, double z) { return 3 * x * x + 2 * x * (y + z) + y * y + z * z + y * z; };
-    sum.squared_moment += area / 30 * (weight(r, s, t) * a.place + weight(s, r, t) * b.place + weight(t, r, s) * c.place);
+    const auto weight = [](double x, double y, double z) {
+      return 3 * x * x + 2 * x * (y + z) + y * y + z * z + y * z;
+    };
+    sum.squared_moment +=
+        area / 30 * (weight(r, s, t) * a.place + weight(s, r, t) * b.place + weight(t, r, s) * c.place);
   }
   return sum;
 }
@@ -68,7 +73,8 @@ struct Cells {
 };
 
 /// All integrals. `at` remembers a site near each triangle.
-Cells integrate_cells(const SourceMesh& mesh, const PowerDiagram& diagram, const std::vector<Vec2>& sites, std::vector<int>& at) {
+Cells integrate_cells(const SourceMesh& mesh, const PowerDiagram& diagram, const std::vector<Vec2>& sites,
+                      std::vector<int>& at) {
   const int n = static_cast<int>(sites.size());
   const auto incident = [&](int i) { return std::pair(diagram.first_edge[i], diagram.first_edge[i + 1]); };
   const auto other = [&](int e, int i) { return diagram.edges[e].a == i ? diagram.edges[e].b : diagram.edges[e].a; };
@@ -174,7 +180,8 @@ Cells integrate_cells(const SourceMesh& mesh, const PowerDiagram& diagram, const
   return cells;
 }
 
-/// Random places with the irradiance as probability, one from each of `count` equal shares of the flux in the mesh's order.
+/// Random places with the irradiance as probability, one from each of `count` equal shares of the flux in the mesh's
+/// order.
 std::vector<Vec2> scattered(const SourceMesh& mesh, int count, std::mt19937_64& random) {
   const auto uniform = [&] { return static_cast<double>(random() >> 11) * 0x1p-53; };
   std::vector<Vec2> places;
@@ -210,7 +217,8 @@ struct Relaxed {
   int iterations = 0;
 };
 
-Relaxed relax(const SourceMesh& mesh, std::vector<Vec2> sites, double reach, int most, std::vector<int>& at, const Monitor& monitor) {
+Relaxed relax(const SourceMesh& mesh, std::vector<Vec2> sites, double reach, int most, std::vector<int>& at,
+              const Monitor& monitor) {
   Relaxed r;
   const std::size_t n = sites.size();
   for (;; ++r.iterations) {
@@ -245,13 +253,15 @@ Relaxed relax(const SourceMesh& mesh, std::vector<Vec2> sites, double reach, int
         if (r.cells.of_site[i].squared > 0 && r.cells.of_site[i].mass > 0) continue;
         const Integrals& giver = r.cells.of_site[rich[k]];
         if (giver.mass > 0)
-          moved[i] = giver.squared_moment / giver.squared + 0.2 * std::sqrt(giver.area) * Vec2(std::cos(2.4 * k), std::sin(2.4 * k));
+          moved[i] = giver.squared_moment / giver.squared +
+                     0.2 * std::sqrt(giver.area) * Vec2(std::cos(2.4 * k), std::sin(2.4 * k));
         ++k;
       }
     }
     if (dark == 0 && (r.way < kRest || r.iterations >= most)) break;
     if (r.iterations >= 4 * most)
-      throw NumericalError("sampling the source: " + std::to_string(dark) + " samples find no light; use fewer samples");
+      throw NumericalError("sampling the source: " + std::to_string(dark) +
+                           " samples find no light; use fewer samples");
     sites = std::move(moved);
   }
   r.sites = std::move(sites);
@@ -276,7 +286,8 @@ std::vector<Sampling> sample_mesh(const SourceMesh& whole, int samples, std::uin
     for (const auto& t : mesh.triangles) {
       const Vec2 &a = mesh.vertices_mm[t[0]], &b = mesh.vertices_mm[t[1]], &c = mesh.vertices_mm[t[2]];
       const double area = cross(b - a, c - a) / 2;
-      const double mass = area / 3 * (mesh.irradiance_per_mm2[t[0]] + mesh.irradiance_per_mm2[t[1]] + mesh.irradiance_per_mm2[t[2]]);
+      const double mass =
+          area / 3 * (mesh.irradiance_per_mm2[t[0]] + mesh.irradiance_per_mm2[t[1]] + mesh.irradiance_per_mm2[t[2]]);
       if (turn == 0) {
         std::vector<Corner> corners;
         for (const int v : t) corners.push_back({mesh.vertices_mm[v], mesh.irradiance_per_mm2[v], -1});
@@ -340,7 +351,8 @@ std::vector<Sampling> sample_mesh(const SourceMesh& whole, int samples, std::uin
         const double angle = 2 * kPi * static_cast<double>(random() >> 11) * 0x1p-53;
         const Vec2 arm = 0.35 * std::sqrt(cell.area) * Vec2(std::cos(angle), std::sin(angle));
         const Vec2 centre = cell.squared_moment / cell.squared;
-        for (const Vec2& offset : {arm, Vec2(-arm.y(), arm.x()), Vec2(-arm), Vec2(arm.y(), -arm.x())}) sites.emplace_back(centre + offset);
+        for (const Vec2& offset : {arm, Vec2(-arm.y(), arm.x()), Vec2(-arm), Vec2(arm.y(), -arm.x())})
+          sites.emplace_back(centre + offset);
       }
       for (int& site : at) site *= 4;
     }

@@ -55,7 +55,8 @@ PlanarMesh outline_mesh(const std::vector<std::vector<Vec2>>& loops, double edge
   std::map<Triangulation::Face_handle, bool> seen;
   for (const auto start : triangulation.finite_face_handles()) {
     if (seen[start]) continue;
-    const Point middle = CGAL::centroid(start->vertex(0)->point(), start->vertex(1)->point(), start->vertex(2)->point());
+    const Point middle =
+        CGAL::centroid(start->vertex(0)->point(), start->vertex(1)->point(), start->vertex(2)->point());
     const bool lens = inside_outline(loops, {middle.x(), middle.y()});
     bool bounded = true;
     std::deque<Triangulation::Face_handle> front{start};

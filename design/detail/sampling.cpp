@@ -126,28 +126,31 @@ std::vector<double> prolong_scattered(const Sampling& coarse, const std::vector<
       // Where light is thin or the source has gaps, buckets are empty: look farther until there is a plane.
       int seen = 0;
       for (int reach = 2; seen < 6; reach *= 2) {
-      seen = 0;
-      normal.setZero();
-      rhs.setZero();
-      double nearest = std::numeric_limits<double>::infinity();
-      const auto around = [&](const auto& visit) {
-      for (int j = std::max(0, bucket(s, 1) - reach); j <= std::min(side - 1, bucket(s, 1) + reach); ++j) {
-        for (int i = std::max(0, bucket(s, 0) - reach); i <= std::min(side - 1, bucket(s, 0) + reach); ++i) {
-          for (const int c : buckets[static_cast<std::size_t>(j) * side + i]) {
-            visit(c, Vec2(coarse.sites[c] - s));
+        seen = 0;
+        normal.setZero();
+        rhs.setZero();
+        double nearest = std::numeric_limits<double>::infinity();
+        const auto around = [&](const auto& visit) {
+          for (int j = std::max(0, bucket(s, 1) - reach); j <= std::min(side - 1, bucket(s, 1) + reach); ++j) {
+            for (int i = std::max(0, bucket(s, 0) - reach); i <= std::min(side - 1, bucket(s, 0) + reach); ++i) {
+              for (const int c : buckets[static_cast<std::size_t>(j) * side + i]) {
+                visit(c, Vec2(coarse.sites[c] - s));
+              }
+            }
           }
-        }
-      }
-      };
-      around([&](int, const Vec2& d) { ++seen; nearest = std::min(nearest, d.squaredNorm()); });
-      const double width2 = std::max(spacing2, 4 * nearest);
-      around([&](int c, const Vec2& d) {
-        const double weight = std::exp(-2 * d.squaredNorm() / width2);
-        const Eigen::Vector3d basis(1, d.x(), d.y());
-        normal += weight * basis * basis.transpose();
-        rhs += weight * values[c] * basis;
-      });
-      if (reach > side) break;
+        };
+        around([&](int, const Vec2& d) {
+          ++seen;
+          nearest = std::min(nearest, d.squaredNorm());
+        });
+        const double width2 = std::max(spacing2, 4 * nearest);
+        around([&](int c, const Vec2& d) {
+          const double weight = std::exp(-2 * d.squaredNorm() / width2);
+          const Eigen::Vector3d basis(1, d.x(), d.y());
+          normal += weight * basis * basis.transpose();
+          rhs += weight * values[c] * basis;
+        });
+        if (reach > side) break;
       }
       result[k] = normal.ldlt().solve(rhs)[0];
     }
@@ -157,7 +160,8 @@ std::vector<double> prolong_scattered(const Sampling& coarse, const std::vector<
 
 }  // namespace
 
-std::vector<Sampling> sample_source(const SourceLight& source, int samples, std::uint64_t seed, const Monitor& monitor) {
+std::vector<Sampling> sample_source(const SourceLight& source, int samples, std::uint64_t seed,
+                                    const Monitor& monitor) {
   if (source.shape == SourceLight::Shape::kMesh) return sample_mesh(source.mesh, samples, seed, monitor);
   std::vector<Sampling> levels;
   if (source.shape == SourceLight::Shape::kDisk) {

@@ -302,5 +302,36 @@ TEST(Chain, AnyProgramCanBeDryRun) {
             2);
 }
 
+TEST(Stages, AnySourceLightIsTransportedAndRefusedAtTheSurface) {
+  const ScratchFolder folder;
+  spill(folder / "ring.svg",
+        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 40 30'><path fill-rule='evenodd' "
+        "d='M0 0H40V30H0Z M15 10H25V20H15Z'/></svg>");
+  const fs::path job = folder / "lamp.toml";
+  spill(job, "[target]\nimage = \"" + fixture("pictures/tiny.png").string() +
+                 "\"\nsize_mm = [40, 30]\n[lens]\nsize_mm = [40, 30]\noutline = \"ring.svg\"\nbase = \"sphere\"\nbase_radius_mm = 400\n"
+                 "[light]\nkind = \"point\"\nposition_mm = [0, 0, -300]\nprofile = \"gaussian\"\nsigma_mm = 20\n"
+                 "[receiver]\ndistance_mm = 100\nshift_mm = [5, 0]\ntilt_deg = [0, 10]\n[transport]\nsamples = 1024\n");
+  const fs::path run = folder / "run";
+  const CommandResult made = lightmill_command({"make", job.string(), "-o", run.string(), "--until", "transport"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  const json design = report_of(run)["design"];
+  EXPECT_TRUE(design["transport"]["converged"]);
+  EXPECT_EQ(design["transport"]["empty_cells"], 0);
+  EXPECT_LT(design["transport"]["flux_spread"], 0.25);
+  EXPECT_EQ(design["source"]["totally_reflected"]["share"], 0);
+  EXPECT_TRUE(fs::exists(run / "design/source.png"));
+  EXPECT_TRUE(fs::exists(run / "design/transport.npy"));
+  EXPECT_FALSE(fs::exists(run / "design/surface.ply"));
+  const CommandResult refused = lightmill_command({"make", job.string(), "-o", run.string(), "--until", "design"});
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("surface is not supported yet"));
+  // Light past a sphere's focus for the rim but not for the axis folds: refused with its place.
+  spill(job, replaced(slurp(job), "base_radius_mm = 400", "base_radius_mm = 40"));
+  const CommandResult folded = lightmill_command({"make", job.string(), "-o", run.string(), "--until", "transport"});
+  EXPECT_EQ(folded.code, 2);
+  EXPECT_THAT(folded.err, HasSubstr("lens x = "));
+}
+
 }  // namespace
 }  // namespace lightmill

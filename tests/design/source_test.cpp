@@ -4,9 +4,7 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include <chrono>
 #include <cmath>
-#include <iostream>
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
@@ -91,8 +89,10 @@ TEST(Source, PointLightThroughAPlateObeysSnellAndTheSolidAngleLaw) {
     const double radius = 40 * sine / std::sqrt(1 - sine * sine) + 8 * inside / std::sqrt(1 - inside * inside);
     const Vec2 place = light.position_mm.head<2>() + radius * along;
     const IncomingRay ray = illumination.at({place.x(), place.y(), 8});
-    EXPECT_LT((ray.direction - Vec3(along.x() * inside, along.y() * inside, std::sqrt(1 - inside * inside))).norm(), 1e-13);
-    EXPECT_LT((ray.entry_mm - (light.position_mm.head<2>() + 40 * sine / std::sqrt(1 - sine * sine) * along)).norm(), 1e-11 * (1 + radius));
+    EXPECT_LT((ray.direction - Vec3(along.x() * inside, along.y() * inside, std::sqrt(1 - inside * inside))).norm(),
+              1e-13);
+    EXPECT_LT((ray.entry_mm - (light.position_mm.head<2>() + 40 * sine / std::sqrt(1 - sine * sine) * along)).norm(),
+              1e-11 * (1 + radius));
   }
   // Flux within a radius is the solid angle of the cone that reaches it: 2 pi (1 - cos).
   const double sine = 0.8, inside = sine / n;
@@ -158,7 +158,8 @@ TEST(Source, ASphericalBaseFocusesWhereALensMakerSays) {
   const TracedSource mirrored = trace_source(lens, {}, receiver, 20);
   EXPECT_EQ(mirrored.report.folded.share, 0);
   EXPECT_NEAR(mirrored.source.mesh.flux(), 1, 1e-12);
-  EXPECT_LT((mirrored.source.mesh.vertices_mm[0] - mirrored.source.mesh.lens_mm[0].cwiseProduct(Vec2(1, -0.5))).norm(), 3e-3);
+  EXPECT_LT((mirrored.source.mesh.vertices_mm[0] - mirrored.source.mesh.lens_mm[0].cwiseProduct(Vec2(1, -0.5))).norm(),
+            3e-3);
 }
 
 TEST(Source, TotalReflectionFoldsAndLostLightAreNamedWithTheirPlace) {
@@ -240,9 +241,8 @@ void expect_good_sampling(const SourceLight& source, const std::vector<detail::S
     EXPECT_NEAR(sum, 1, 1e-12);
     // Sums over cells are integrals over the mesh: nothing is lost between triangle and cell.
     EXPECT_LT(mean.norm(), 1e-9 * source.size_mm.norm());
-    EXPECT_LT(s.flux_spread, 0.2);
-    EXPECT_LT(s.way, 0.06);
-    if (getenv("V")) std::cout << s.sites.size() << " way " << s.way << " spread " << s.flux_spread << " it " << s.iterations << "\n";
+    EXPECT_LT(s.flux_spread, 0.15);
+    EXPECT_LT(s.way, 0.01) << "mean way to the centroid, in cell sizes";
   }
 }
 
@@ -326,7 +326,8 @@ TEST(SourceTransport, AGaussianBecomesASquareByTwoErrorFunctions) {
   const double edge = std::erf(25 / (15 * std::sqrt(2.0)));
   for (std::size_t i = 0; i < map.sites_mm.size(); ++i) {
     const Vec2 c = map.source_centroids_mm[i];
-    const Vec2 expected(20 * std::erf(c.x() / (15 * std::sqrt(2.0))) / edge, 20 * std::erf(c.y() / (15 * std::sqrt(2.0))) / edge);
+    const Vec2 expected(20 * std::erf(c.x() / (15 * std::sqrt(2.0))) / edge,
+                        20 * std::erf(c.y() / (15 * std::sqrt(2.0))) / edge);
     squares += (map.target_centroids_mm[i] - expected).squaredNorm() / static_cast<double>(map.sites_mm.size());
   }
   EXPECT_LT(std::sqrt(squares), 40.0 / 64 / 4) << "a quarter of a cell";
@@ -348,18 +349,6 @@ TEST(SourceTransport, AnAnnulusAndShiftedLightReachASquare) {
     Vec2 mean(0, 0);
     for (std::size_t i = 0; i < map.sites_mm.size(); ++i) mean += map.target_masses[i] * map.target_centroids_mm[i];
     EXPECT_LT(mean.norm(), 1e-3);
-  }
-}
-
-TEST(SourceSampling, DISABLED_Timing) {
-  Lens lens;
-  const SourceLight source = trace_source(lens, gaussian(35), {}).source;
-  for (const int count : {65536, 262144}) {
-    const auto start = std::chrono::steady_clock::now();
-    const auto levels = detail::sample_mesh(source.mesh, count, 1, {});
-    std::cout << count << ": " << std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() << " s\n";
-    for (const auto& s : levels)
-      std::cout << "  " << s.sites.size() << " way " << s.way << " spread " << s.flux_spread << " iterations " << s.iterations << "\n";
   }
 }
 
