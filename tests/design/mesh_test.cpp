@@ -9,6 +9,7 @@
 #include <bit>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 
 #include "design/core/errors.h"
 #include "design/core/files.h"
@@ -212,6 +213,21 @@ TEST_F(Mesh, CountsTrianglesThatAreFoldedOver) {
   EXPECT_EQ(count_inverted(mesh), 0);
   mesh.vertices[4].y() = 1.5;  // beyond the upper side: one triangle folds
   EXPECT_EQ(count_inverted(mesh), 1);
+}
+
+TEST(Ply, IntensitiesComeWithTheirVertices) {
+  const std::filesystem::path path =
+      std::filesystem::temp_directory_path() / ("lightmill_intensity_" + std::to_string(::getpid()) + ".ply");
+  std::ofstream(path)
+      << "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n"
+         "property double intensity\nproperty double nx\nproperty double ny\nproperty double nz\nelement face 1\n"
+         "property list uchar int vertex_indices\nend_header\n0 0 -5 1.5 0 0 1\n1 0 -5 2.5 0 0.6 0.8\n0 1 -5 0 0 0 "
+         "2\n3 0 1 2\n";
+  const IntensityMesh read = read_intensity_ply(path);
+  std::filesystem::remove(path);
+  EXPECT_EQ(read.intensities, (std::vector<double>{1.5, 2.5, 0}));
+  EXPECT_EQ(read.mesh.normals[1], Vec3(0, 0.6, 0.8));
+  EXPECT_EQ(read.mesh.vertices[2], Vec3(0, 1, -5));
 }
 
 }  // namespace
