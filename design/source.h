@@ -29,7 +29,7 @@ struct SourceLight {
   SourceMesh mesh{};
 };
 
-/// What went wrong on a part of the light, and where on the lens it is worst (totally reflected, lost) or first (folded).
+/// What went wrong on a part of the light, and where on the lens the first such triangle is.
 struct SourceFault {
   double share = 0;        ///< of the light on the lens
   Vec2 lens_mm{0, 0};
