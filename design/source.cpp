@@ -7,6 +7,7 @@
 #include "design/core/text.h"
 #include "design/detail/outline_mesh.h"
 #include "design/detail/svg.h"
+#include "design/surface.h"
 
 namespace lightmill {
 
@@ -28,27 +29,10 @@ detail::PlanarMesh lens_mesh(const Lens& lens, int resolution) {
       loop.emplace_back(radius * std::cos(2 * kPi * k / corners), radius * std::sin(2 * kPi * k / corners));
     return detail::outline_mesh({loop}, 1.3 * edge);
   }
-  const int columns = std::max(1, static_cast<int>(std::lround(lens.size_mm.x() / edge)));
-  const int rows = std::max(1, static_cast<int>(std::lround(lens.size_mm.y() / edge)));
+  const SurfaceMesh grid = start_mesh(lens, resolution + 1);
   detail::PlanarMesh mesh;
-  for (int j = 0; j <= rows; ++j) {
-    for (int i = 0; i <= columns; ++i)
-      mesh.vertices.emplace_back((static_cast<double>(i) / columns - 0.5) * lens.size_mm.x(),
-                                 (static_cast<double>(j) / rows - 0.5) * lens.size_mm.y());
-  }
-  for (int j = 0; j < rows; ++j) {
-    for (int i = 0; i < columns; ++i) {
-      const int a = j * (columns + 1) + i;
-      const int b = a + 1, c = a + columns + 2, d = a + columns + 1;
-      if ((i + j) % 2 == 0) {
-        mesh.triangles.push_back({a, b, c});
-        mesh.triangles.push_back({a, c, d});
-      } else {
-        mesh.triangles.push_back({a, b, d});
-        mesh.triangles.push_back({b, c, d});
-      }
-    }
-  }
+  for (const Vec3& vertex : grid.vertices) mesh.vertices.emplace_back(vertex.head<2>());
+  mesh.triangles = grid.triangles;
   return mesh;
 }
 
