@@ -7,13 +7,13 @@
 #include "design/core/errors.h"
 #include "design/core/text.h"
 #include "design/detail/coverage.h"
+#include "design/detail/fills.h"
 #include "design/detail/svg.h"
 
 namespace lightmill {
 
 namespace {
 
-constexpr int kDrawingPixels = 1024;  // of a drawing's fills along the longer side, when no image says otherwise
 constexpr double kDefaultCurveFlux = 0.5;
 
 void check(const TargetSpec& spec) {
@@ -58,21 +58,6 @@ std::vector<CurveLight> clipped(const CurveLight& curve, const Box2& box) {
   return parts;
 }
 
-/// Adds the drawing's fills. Among themselves they look as in a viewer, later ones covering earlier ones; an image
-/// beneath shines through them, since light adds.
-void add_fills(const std::vector<detail::DrawnFill>& fills, const Box2& extent, Grid<double>& area) {
-  Grid<double> irradiance(area.width, area.height);
-  for (const auto& fill : fills) {
-    const Grid<double> covered =
-        detail::coverage(fill.outlines_mm, fill.rule, extent, irradiance.width, irradiance.height);
-    for (std::size_t i = 0; i < covered.values.size(); ++i) {
-      const double share = covered.values[i] * fill.opacity;
-      irradiance.values[i] += share * (fill.light - irradiance.values[i]);
-    }
-  }
-  for (std::size_t i = 0; i < area.values.size(); ++i) area.values[i] += irradiance.values[i];
-}
-
 }  // namespace
 
 double CurveLight::flux() const {
@@ -84,7 +69,13 @@ double CurveLight::flux() const {
 }
 
 double TargetLight::area_total() const {
-  return std::accumulate(area_flux.values.begin(), area_flux.values.end(), 0.0);
+  double sum = std::accumulate(area_flux.values.begin(), area_flux.values.end(), 0.0);
+  // A border lights what lies between it and the right side of the extent.
+  for (const auto& border : area_borders) {
+    sum += border.jump * (border.high.y() - border.low.y()) *
+           (extent.max.x() - (border.low.x() + border.high.x()) / 2);
+  }
+  return sum;
 }
 
 double TargetLight::curve_total() const {
@@ -103,7 +94,7 @@ void TargetLight::normalise() {
   const double sum = total();
   if (!(sum > 0) || !std::isfinite(sum))
     throw InputError("the target has no light at all; give a picture that is not all black");
-  for (double& flux : area_flux.values) flux /= sum;
+  scale_area(*this, 1 / sum);
   for (auto& curve : curves) {
     for (double& density : curve.density_per_mm) density /= sum;
   }
@@ -118,25 +109,28 @@ TargetLight load_target(const TargetSpec& spec) {
   if (!spec.drawing.empty()) drawing = detail::read_drawing(spec.drawing, spec.size_mm, spec.viewed_from);
   target.warnings = drawing.warnings;
 
-  // Area light: the image and the drawing's fills.
+  // Area light: the image and the drawing's fills. White is 1 per mm2 in both; light adds, so an image beneath shines
+  // through the fills.
+  const double size = spec.size_mm.prod();
   if (!spec.image.empty()) {
     const Picture picture = read_picture(spec.image, spec.transfer);
     const Grid<float> placed =
         as_seen(picture.gray, spec.viewed_from);  // its own inverse: from the picture to the receiver
     target.area_flux = Grid<double>(placed.width, placed.height);
-    std::copy(placed.values.begin(), placed.values.end(), target.area_flux.values.begin());
+    const double pixel = size / static_cast<double>(placed.values.size());
+    std::transform(placed.values.begin(), placed.values.end(), target.area_flux.values.begin(),
+                   [pixel](float gray) { return gray * pixel; });
     if (!(target.area_total() > 0)) {
       throw InputError("picture " + spec.image.string() + " is all black; give one that has light");
     }
-  } else if (!drawing.fills.empty()) {
-    const double longer = spec.size_mm.maxCoeff();
-    target.area_flux =
-        Grid<double>(std::max(1, static_cast<int>(std::lround(kDrawingPixels * spec.size_mm.x() / longer))),
-                     std::max(1, static_cast<int>(std::lround(kDrawingPixels * spec.size_mm.y() / longer))));
   }
-  add_fills(drawing.fills, target.extent, target.area_flux);
-  double area = target.area_total();
-  if (!(area > 0)) target.area_flux = {};
+  try {
+    target.area_borders = detail::borders_of(drawing.fills, target.extent);
+  } catch (const InputError& e) {
+    throw InputError("drawing " + spec.drawing.string() + ": " + e.what());
+  }
+  const double area = target.area_total();
+  if (!(area > 0)) target.area_borders.clear();
 
   // Singular light, inside the picture only.
   for (const auto& stroke : drawing.strokes) {
@@ -165,13 +159,13 @@ TargetLight load_target(const TargetSpec& spec) {
   }
   const double singular = (strokes > 0 ? 1 : 0) + target.point_total();
   if (area > 0 && spec.background > 0) {
+    if (target.area_flux.empty()) target.area_flux = Grid<double>(1, 1);
     const double floor = spec.background * area / static_cast<double>(target.area_flux.values.size());
     for (double& flux : target.area_flux.values) flux += floor;
-    area = target.area_total();
   }
   if (area > 0 && singular > 0) {
     const double share = spec.curve_flux < 0 ? kDefaultCurveFlux : spec.curve_flux;
-    for (double& flux : target.area_flux.values) flux *= (1 - share) / area;
+    scale_area(target, (1 - share) / target.area_total());
     for (auto& curve : target.curves) {
       for (double& density : curve.density_per_mm) density *= share / singular;
     }
@@ -180,15 +174,29 @@ TargetLight load_target(const TargetSpec& spec) {
       target.curves.clear();
       target.points.clear();
     }
-    if (share == 1) target.area_flux = {};
+    if (share == 1) {
+      target.area_flux = {};
+      target.area_borders.clear();
+    }
   }
   target.normalise();
   return target;
 }
 
-Grid<double> rasterise(const TargetLight& target, int width, int height) {
+void scale_area(TargetLight& target, double factor) {
+  for (double& flux : target.area_flux.values) flux *= factor;
+  for (auto& border : target.area_borders) border.jump *= factor;
+}
+
+Grid<double> rasterise_area(const TargetLight& target, int width, int height) {
   Grid<double> flux =
       target.area_flux.empty() ? Grid<double>(width, height) : detail::box_filtered(target.area_flux, width, height);
+  detail::add_borders(flux, target.extent, target.area_borders);
+  return flux;
+}
+
+Grid<double> rasterise(const TargetLight& target, int width, int height) {
+  Grid<double> flux = rasterise_area(target, width, height);
   for (const auto& curve : target.curves) {
     for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
       detail::add_segment(flux, target.extent, curve.vertices_mm[k], curve.vertices_mm[k + 1], curve.density_per_mm[k],

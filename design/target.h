@@ -11,6 +11,14 @@
 
 namespace lightmill {
 
+/// A piece of the border of evenly lit areas: going along +x across it, the irradiance changes by `jump`. All borders of
+/// a target together enclose areas: the irradiance at a place is the sum of the jumps left of it.
+struct AreaBorder {
+  Vec2 low;         ///< the end with the smaller y
+  Vec2 high;
+  double jump = 0;  ///< flux per mm2
+};
+
 /// A curve of infinite irradiance: flux per mm along a polyline, piecewise linear between the vertices [paper sec. 3].
 struct CurveLight {
   std::vector<Vec2> vertices_mm;          ///< at least two; a closed curve repeats its first vertex
@@ -29,6 +37,7 @@ struct PointLight {
 struct TargetLight {
   Box2 extent;                    ///< the picture's rectangle; area light lives in it, curves and points too
   Grid<double> area_flux;         ///< flux per pixel, row 0 at the smallest y, column 0 at the smallest x; may be empty
+  std::vector<AreaBorder> area_borders;  ///< of filled shapes, whose light adds to that of the pixels
   std::vector<CurveLight> curves;
   std::vector<PointLight> points;
   std::vector<std::string> warnings;  ///< what a drawing contained that was not understood, with line numbers
@@ -59,6 +68,12 @@ struct TargetSpec {
 /// Reads picture and drawing and sums them. Result is normalised.
 /// Throws InputError: unreadable file, an all-black picture, a drawing with nothing drawable.
 TargetLight load_target(const TargetSpec& spec);
+
+/// Multiplies the area light by a factor.
+void scale_area(TargetLight& target, double factor);
+
+/// The area light as flux per cell of `width` x `height` cells over its extent; row 0 at the smallest y.
+Grid<double> rasterise_area(const TargetLight& target, int width, int height);
 
 /// The target as irradiance averaged onto `width` x `height` cells over its extent (curves and points in the cells they
 /// pass), as flux per cell; row 0 at the smallest y.

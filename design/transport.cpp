@@ -11,7 +11,6 @@
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
-#include "design/detail/coverage.h"
 #include "design/detail/laplacian.h"
 #include "design/detail/one_blas_thread.h"
 #include "design/detail/power_diagram.h"
@@ -347,46 +346,6 @@ class Level {
   int budget_ = 0;  // of evaluations, for the solve that is running
 };
 
-/// Mean and standard deviation of the target in x and y.
-struct Spread {
-  Vec2 mean{0, 0};
-  Vec2 deviation{0, 0};
-};
-
-Spread spread_of(const TargetLight& target, double point_radius) {
-  double mass = 0;
-  Vec2 first(0, 0);
-  Vec2 second(0, 0);
-  const auto add = [&](double m, const Vec2& p, const Vec2& variance) {
-    mass += m;
-    first += m * p;
-    second += m * (p.cwiseProduct(p) + variance);
-  };
-  const auto& area = target.area_flux;
-  if (!area.empty()) {
-    const Vec2 pitch = target.extent.size().cwiseQuotient(Vec2(area.width, area.height));
-    for (int row = 0; row < area.height; ++row) {
-      for (int column = 0; column < area.width; ++column) {
-        add(area.at(column, row), target.extent.min + pitch.cwiseProduct(Vec2(column + 0.5, row + 0.5)),
-            pitch.cwiseProduct(pitch) / 12);
-      }
-    }
-  }
-  const Vec2 blur = Vec2::Constant(point_radius * point_radius / 4);
-  for (const auto& curve : target.curves) {
-    for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
-      const Vec2 d = curve.vertices_mm[k + 1] - curve.vertices_mm[k];
-      add(d.norm() * (curve.density_per_mm[k] + curve.density_per_mm[k + 1]) / 2,
-          (curve.vertices_mm[k + 1] + curve.vertices_mm[k]) / 2, d.cwiseProduct(d) / 12 + blur);
-    }
-  }
-  for (const auto& point : target.points) add(point.flux, point.position_mm, blur);
-  Spread spread;
-  spread.mean = first / mass;
-  spread.deviation = (second / mass - spread.mean.cwiseProduct(spread.mean)).cwiseMax(0).cwiseSqrt();
-  return spread;
-}
-
 void check(const SourceLight& source, const TargetLight& target, const TransportOptions& options) {
   if (!(source.size_mm.x() > 0 && source.size_mm.y() > 0))
     throw InputError("transport: the source must have a size above 0");
@@ -406,7 +365,7 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
   const std::vector<Sampling> samplings = detail::sample_source(source, options.samples, options.seed, monitor);
 
   // The target about its own centre of mass: potentials of a concentrated target are then small, and accurate.
-  const Spread spread = spread_of(target, options.point_radius_mm);
+  const detail::Spread spread = detail::spread_of(target, options.point_radius_mm);
   const Box2 extent{target.extent.min - spread.mean, target.extent.max - spread.mean};
   const double reach = std::max({extent.min.norm(), extent.max.norm(), Vec2(extent.min.x(), extent.max.y()).norm(),
                                  Vec2(extent.max.x(), extent.min.y()).norm()}) +
@@ -437,36 +396,12 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
     const Sampling& sampling = samplings[level];
     const int n = static_cast<int>(sampling.sites.size());
 
-    TargetMeasure measure;
-    if (!target.area_flux.empty() && target.area_total() > 0) {
-      int width = target.area_flux.width;
-      int height = target.area_flux.height;
-      if (level > 0) {
-        const double shrink = std::sqrt(static_cast<double>(n) / (static_cast<double>(width) * height));
-        if (shrink < 1) {
-          width = std::max(1, static_cast<int>(std::lround(width * shrink)));
-          height = std::max(1, static_cast<int>(std::lround(height * shrink)));
-        }
-      }
-      const bool same = width == target.area_flux.width && height == target.area_flux.height;
-      measure.pixels =
-          detail::PixelDensity(same ? target.area_flux : detail::box_filtered(target.area_flux, width, height), extent);
-    }
-    for (const auto& curve : target.curves) {
-      for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
-        const Vec2 d = curve.vertices_mm[k + 1] - curve.vertices_mm[k];
-        if (d.norm() == 0) continue;
-        measure.strips.push_back({curve.vertices_mm[k] - spread.mean, d.normalized(), d.norm(), curve.density_per_mm[k],
-                                  curve.density_per_mm[k + 1]});
-      }
-    }
-    for (const auto& point : target.points) measure.disks.push_back({point.position_mm - spread.mean, point.flux});
     const double measure_radius = singular ? start_radius(sampling) : options.point_radius_mm;
-    measure.radius = measure_radius;
+    TargetMeasure measure = detail::measure_of(target, spread.mean, measure_radius, level > 0 ? n : detail::kExact);
 
     if (psi.empty()) {
       // The affine map with the right centre and spreads.
-      const Vec2 stretch = spread_of(target, measure.radius).deviation.cwiseQuotient(sampling.spread);
+      const Vec2 stretch = detail::spread_of(target, measure_radius).deviation.cwiseQuotient(sampling.spread);
       psi.resize(n);
       for (int i = 0; i < n; ++i) psi[i] = stretch.dot(sampling.sites[i].cwiseProduct(sampling.sites[i])) / 2;
     } else {

@@ -7,31 +7,19 @@ namespace lightmill::detail {
 
 namespace {
 
-constexpr double kRounding = 1e-11;  // of a coverage that is a sum of up to a row of pixels
+constexpr double kRounding = 1e-11;  // of the flux of a pixel that is a sum over up to a row of them
 
-/// An edge in pixels, upwards.
-struct Edge {
-  Vec2 low;
-  Vec2 high;
-  int winding;
-  [[nodiscard]] double x_at(double y) const {
-    if (y <= low.y()) return low.x();
-    if (y >= high.y()) return high.x();
-    return low.x() + (high.x() - low.x()) * (y - low.y()) / (high.y() - low.y());
-  }
-};
-
-/// Adds to a difference buffer (one column more than pixels) so that a prefix sum along rows covers what lies right of
-/// the piece of edge; `sign` -1 takes it away again.
-void accumulate(Grid<double>& buffer, Vec2 p, Vec2 q, double sign) {
+/// Adds to a difference buffer (one column more than pixels) so that a prefix sum along rows lights what lies right of
+/// the piece of border by `jump`.
+void accumulate(Grid<double>& buffer, Vec2 p, Vec2 q, double jump) {
   const int width = buffer.width - 1;
   // Left of the grid everything is covered, right of it nothing: split there.
   for (const double border : {0.0, static_cast<double>(width)}) {
     if ((p.x() < border && q.x() > border) || (p.x() > border && q.x() < border)) {
       const double t = (border - p.x()) / (q.x() - p.x());
       const Vec2 mid(border, p.y() + t * (q.y() - p.y()));
-      accumulate(buffer, p, mid, sign);
-      accumulate(buffer, mid, q, sign);
+      accumulate(buffer, p, mid, jump);
+      accumulate(buffer, mid, q, jump);
       return;
     }
   }
@@ -47,7 +35,7 @@ void accumulate(Grid<double>& buffer, Vec2 p, Vec2 q, double sign) {
     double x0 = std::clamp(y0 == p.y() ? p.x() : p.x() + (y0 - p.y()) * slope, 0.0, static_cast<double>(width));
     double x1 = std::clamp(y1 == q.y() ? q.x() : p.x() + (y1 - p.y()) * slope, 0.0, static_cast<double>(width));
     if (x0 > x1) std::swap(x0, x1);
-    const double rise = sign * (y1 - y0);
+    const double rise = jump * (y1 - y0);
     const int from = std::min(width - 1, static_cast<int>(x0));
     const int to = std::min(width - 1, static_cast<int>(x1));
     for (int column = from; column <= to; ++column) {
@@ -63,80 +51,29 @@ void accumulate(Grid<double>& buffer, Vec2 p, Vec2 q, double sign) {
 
 }  // namespace
 
-Grid<double> coverage(const std::vector<std::vector<Vec2>>& outlines, FillRule rule, const Box2& extent, int width,
-                      int height) {
-  const Vec2 pitch = extent.size().cwiseQuotient(Vec2(width, height));
-  std::vector<Edge> edges;
-  std::vector<double> levels;  // where the order of edges can change
-  for (const auto& outline : outlines) {
-    for (std::size_t k = 0; k < outline.size(); ++k) {
-      const Vec2 p = (outline[k] - extent.min).cwiseQuotient(pitch);
-      const Vec2 q = (outline[(k + 1) % outline.size()] - extent.min).cwiseQuotient(pitch);
-      if (p.y() == q.y()) continue;
-      edges.push_back(p.y() < q.y() ? Edge{p, q, 1} : Edge{q, p, -1});
-      levels.push_back(p.y());
-      levels.push_back(q.y());
-    }
+void add_borders(Grid<double>& flux, const Box2& extent, const std::vector<AreaBorder>& borders) {
+  if (borders.empty()) return;
+  const Vec2 pitch = extent.size().cwiseQuotient(Vec2(flux.width, flux.height));
+  Grid<double> buffer(flux.width + 1, flux.height);
+  for (const auto& border : borders) {
+    accumulate(buffer, (border.low - extent.min).cwiseQuotient(pitch), (border.high - extent.min).cwiseQuotient(pitch),
+               border.jump * pitch.prod());
   }
-  std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) { return a.low.y() < b.low.y(); });
-
-  // Crossings.
-  std::vector<std::size_t> active;
-  for (std::size_t e = 0; e < edges.size(); ++e) {
-    const Edge& edge = edges[e];
-    std::erase_if(active, [&](std::size_t k) { return edges[k].high.y() <= edge.low.y(); });
-    for (const std::size_t k : active) {
-      const Edge& other = edges[k];
-      if (std::max(edge.low.x(), edge.high.x()) < std::min(other.low.x(), other.high.x()) ||
-          std::max(other.low.x(), other.high.x()) < std::min(edge.low.x(), edge.high.x())) {
-        continue;
-      }
-      const double y0 = edge.low.y();
-      const double y1 = std::min(edge.high.y(), other.high.y());
-      const double before = edge.x_at(y0) - other.x_at(y0);
-      const double after = edge.x_at(y1) - other.x_at(y1);
-      if ((before < 0 && after > 0) || (before > 0 && after < 0))
-        levels.push_back(y0 + (y1 - y0) * before / (before - after));
-    }
-    active.push_back(e);
-  }
-  std::sort(levels.begin(), levels.end());
-  levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
-
-  // In each slab between levels edges do not cross: the rule picks the borders of the inside.
-  Grid<double> buffer(width + 1, height);
-  active.clear();
-  std::size_t next = 0;
-  std::vector<std::pair<double, std::size_t>> sorted;
-  for (std::size_t l = 0; l + 1 < levels.size(); ++l) {
-    const double y0 = levels[l];
-    const double y1 = levels[l + 1];
-    std::erase_if(active, [&](std::size_t k) { return edges[k].high.y() <= y0; });
-    while (next < edges.size() && edges[next].low.y() <= y0) active.push_back(next++);
-    if (y1 <= 0 || y0 >= height) continue;
-    sorted.clear();
-    for (const std::size_t k : active) sorted.emplace_back(edges[k].x_at((y0 + y1) / 2), k);
-    std::sort(sorted.begin(), sorted.end());
-    int winding = 0;
-    const auto inside = [&] { return rule == FillRule::kNonZero ? winding != 0 : winding % 2 != 0; };
-    for (const auto& [x, k] : sorted) {
-      const bool was = inside();
-      winding += edges[k].winding;
-      if (was == inside()) continue;
-      accumulate(buffer, {edges[k].x_at(y0), y0}, {edges[k].x_at(y1), y1}, was ? -1 : 1);
-    }
-  }
-
-  Grid<double> result(width, height);
-  for (int row = 0; row < height; ++row) {
+  double brightest = 0;
+  for (int row = 0; row < flux.height; ++row) {
     double sum = 0;
-    for (int column = 0; column < width; ++column) {
+    for (int column = 0; column < flux.width; ++column) {
       sum += buffer.at(column, row);
-      // Rounding is not light, and full is full.
-      result.at(column, row) = sum < kRounding ? 0 : sum > 1 - kRounding ? 1 : sum;
+      buffer.at(column, row) = sum;
+      brightest = std::max(brightest, sum);
     }
   }
-  return result;
+  for (int row = 0; row < flux.height; ++row) {
+    for (int column = 0; column < flux.width; ++column) {
+      const double sum = buffer.at(column, row);
+      if (sum > kRounding * brightest) flux.at(column, row) += sum;
+    }
+  }
 }
 
 Grid<double> box_filtered(const Grid<double>& flux, int width, int height) {

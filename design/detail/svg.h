@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "design/detail/coverage.h"
+#include "design/detail/fills.h"
 #include "design/target.h"
 
 namespace lightmill::detail {
@@ -14,18 +14,10 @@ namespace lightmill::detail {
 /// Curves are flattened so that no chord is farther than this from them.
 inline constexpr double kFlatteningTolerance_mm = 0.01;
 
-/// A filled shape: a viewer shows linear gray `light` with the given opacity over what lies beneath.
-struct DrawnFill {
-  std::vector<std::vector<Vec2>> outlines_mm;
-  FillRule rule = FillRule::kNonZero;
-  double light = 0;
-  double opacity = 1;
-};
-
 /// What was drawn, in drawing order. Densities are luminance x opacity x stroke width [mm]; points have their
 /// data-flux.
 struct Drawing {
-  std::vector<DrawnFill> fills;
+  std::vector<Fill> fills;
   std::vector<CurveLight> strokes;
   std::vector<PointLight> points;
   std::vector<std::string> warnings;

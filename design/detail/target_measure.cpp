@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "design/core/parallel.h"
 
@@ -258,140 +259,110 @@ class RegionWalker {
   int epoch_ = 0;
 };
 
+/// Pixels for area light: the image's own, cut into equal parts where they are coarser than filled shapes need.
+std::pair<int, int> shape_of(const TargetLight& target) {
+  constexpr int kPixels = 1024;  // along the longer side, for the borders of filled shapes
+  const auto& image = target.area_flux;
+  if (target.area_borders.empty()) return {image.width, image.height};
+  const Vec2 size = target.extent.size();
+  const auto parts = [&](int given, int axis) {
+    const double wanted = std::max(1.0, kPixels * size[axis] / size.maxCoeff());
+    return given * std::max(1, static_cast<int>(std::lround(wanted / given)));
+  };
+  return image.empty() ? std::pair(parts(1, 0), parts(1, 1)) : std::pair(parts(image.width, 0), parts(image.height, 1));
+}
+
+/// Every pixel cut into equal parts.
+Grid<double> refined(const Grid<double>& flux, int width, int height) {
+  Grid<double> fine(width, height);
+  if (flux.empty()) return fine;
+  const int across = width / flux.width;
+  const int up = height / flux.height;
+  for (int row = 0; row < height; ++row) {
+    for (int column = 0; column < width; ++column)
+      fine.at(column, row) = flux.at(column / across, row / up) / (across * up);
+  }
+  return fine;
+}
+
 }  // namespace
 
-PixelDensity::PixelDensity(const Grid<double>& flux, const Box2& extent)
-    : width_(flux.width),
-      height_(flux.height),
-      origin_(extent.min),
-      pitch_(extent.size().x() / flux.width, extent.size().y() / flux.height),
-      pixels_(flux.values.size()),
-      beyond_(flux.height + 1) {
-  beyond_[0] = {0, 0, 0};
-  for (int row = 0; row < height_; ++row) {
-    double mass = 0;
-    double moment = 0;
-    for (int column = 0; column < width_; ++column) {
-      const double rho = flux.at(column, row);
-      pixels_[flux.index(column, row)] = {rho, mass - rho * column, moment - rho * column * column / 2};
-      mass += rho;
-      moment += rho * (column + 0.5);
+TargetMeasure measure_of(const TargetLight& target, const Vec2& centre, double radius, double most_pixels) {
+  TargetMeasure measure;
+  const Box2 extent{target.extent.min - centre, target.extent.max - centre};
+  if (!target.area_flux.empty() || !target.area_borders.empty()) {
+    const auto [width, height] = shape_of(target);
+    const double shrink = std::sqrt(most_pixels / (static_cast<double>(width) * height));
+    if (shrink < 1) {
+      const auto shrunk = [&](int count) { return std::max(1, static_cast<int>(std::lround(count * shrink))); };
+      measure.pixels = PixelDensity(rasterise_area(target, shrunk(width), shrunk(height)), extent);
+    } else {
+      std::vector<AreaBorder> borders = target.area_borders;
+      for (auto& border : borders) {
+        border.low -= centre;
+        border.high -= centre;
+      }
+      const bool same = width == target.area_flux.width && height == target.area_flux.height;
+      measure.pixels = same ? PixelDensity(target.area_flux, extent, borders)
+                            : PixelDensity(refined(target.area_flux, width, height), extent, borders);
     }
-    const auto& below = beyond_[row];
-    beyond_[row + 1] = {below.mass + mass, below.y_moment + mass * (row + 0.5), below.x_moment + moment};
   }
+  for (const auto& curve : target.curves) {
+    for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
+      const Vec2 d = curve.vertices_mm[k + 1] - curve.vertices_mm[k];
+      if (d.norm() == 0) continue;
+      measure.strips.push_back({curve.vertices_mm[k] - centre, d.normalized(), d.norm(), curve.density_per_mm[k],
+                                curve.density_per_mm[k + 1]});
+    }
+  }
+  for (const auto& point : target.points) measure.disks.push_back({point.position_mm - centre, point.flux});
+  measure.radius = radius;
+  return measure;
 }
 
-PixelDensity::Beyond PixelDensity::beyond(double y) const {
-  const int row = std::clamp(static_cast<int>(y), 0, height_ - 1);
-  const Beyond& below = beyond_[row];
-  const Beyond& above = beyond_[row + 1];
-  const double part = y - row;
-  const double row_mass = above.mass - below.mass;
-  return {below.mass + part * row_mass, below.y_moment + row_mass * (y * y - static_cast<double>(row) * row) / 2,
-          below.x_moment + part * (above.x_moment - below.x_moment)};
-}
-
-PixelDensity::Integral PixelDensity::along(const Vec2& p, const Vec2& q) const {
-  Integral result;
-  // In pixels, upwards; the sign of the contour integrals follows the direction.
-  double ax = (p.x() - origin_.x()) / pitch_.x();
-  double ay = (p.y() - origin_.y()) / pitch_.y();
-  double bx = (q.x() - origin_.x()) / pitch_.x();
-  double by = (q.y() - origin_.y()) / pitch_.y();
-  double sign = 1;
-  if (by < ay) {
-    std::swap(ax, bx);
-    std::swap(ay, by);
-    sign = -1;
-  }
-  if (by <= 0 || ay >= height_) return result;
-  const double dx = bx - ax;
-  const double dy = by - ay;
-  double t0 = 0;
-  double t1 = 1;
-  if (!clip(ay, dy, 0, height_, t0, t1)) return result;
-
+Spread spread_of(const TargetLight& target, double radius) {
   double mass = 0;
-  double x_moment = 0;
-  double y_moment = 0;
-  double density_length = 0;  // of rho dt
-
-  // Right of the last column everything has been passed: closed form.
-  const auto right = [&](double from, double to) {
-    if (to <= from) return;
-    const Beyond low = beyond(std::clamp(ay + from * dy, 0.0, static_cast<double>(height_)));
-    const Beyond high = beyond(std::clamp(ay + to * dy, 0.0, static_cast<double>(height_)));
-    mass += high.mass - low.mass;
-    y_moment += high.y_moment - low.y_moment;
-    x_moment += high.x_moment - low.x_moment;
+  Vec2 first(0, 0);
+  Vec2 second(0, 0);
+  const auto add = [&](double m, const Vec2& p, const Vec2& variance) {
+    mass += m;
+    first += m * p;
+    second += m * (p.cwiseProduct(p) + variance);
   };
-  double in = t0;
-  double out = t1;
-  if (!clip(ax, dx, 0, width_, in, out)) {
-    if (ax + dx * (t0 + t1) / 2 >= width_) right(t0, t1);
-    in = out = t1;
-  } else {
-    if (dx < 0) right(t0, in);
-    if (dx > 0) right(out, t1);
-  }
-
-  // From pixel to pixel.
-  if (out > in) {
-    double x = std::clamp(ax + in * dx, 0.0, static_cast<double>(width_));
-    double y = std::clamp(ay + in * dy, 0.0, static_cast<double>(height_));
-    int column = static_cast<int>(x);
-    if (dx < 0 && column == x) --column;
-    column = std::clamp(column, 0, width_ - 1);
-    int row = std::clamp(static_cast<int>(y), 0, height_ - 1);
-    const int sense = dx > 0 ? 1 : -1;
-    constexpr double kNever = 1e300;
-    const double per_column = dx != 0 ? 1 / std::abs(dx) : kNever;
-    const double per_row = dy > 0 ? 1 / dy : kNever;
-    double next_column = dx > 0 ? (column + 1 - ax) / dx : dx < 0 ? (column - ax) / dx : kNever;
-    double next_row = dy > 0 ? (row + 1 - ay) / dy : kNever;
-    double t = in;
-    while (t < out) {
-      const bool sideways = next_column < next_row;
-      double to = sideways ? next_column : next_row;
-      double x1;
-      double y1;
-      if (to >= out) {
-        to = out;
-        x1 = ax + out * dx;
-        y1 = ay + out * dy;
-      } else {
-        x1 = ax + to * dx;
-        y1 = ay + to * dy;
-      }
-      const Pixel& pixel = pixels_[static_cast<std::size_t>(row) * width_ + column];
-      const double rise = y1 - y;
-      const double f0 = pixel.c0 + pixel.rho * x;
-      const double f1 = pixel.c0 + pixel.rho * x1;
-      mass += rise * (f0 + f1) / 2;
-      x_moment += rise * (pixel.c1 + pixel.rho * (x * x + x * x1 + x1 * x1) / 6);
-      y_moment += rise * (f0 * (2 * y + y1) + f1 * (y + 2 * y1)) / 6;
-      if (to > t) density_length += pixel.rho * (to - t);
-      t = std::max(t, to);
-      x = x1;
-      y = y1;
-      if (to == out) break;
-      if (sideways) {
-        column += sense;
-        next_column += per_column;
-        if (column < 0 || column >= width_) break;
-      } else {
-        ++row;
-        next_row += per_row;
-        if (row >= height_) break;
+  const auto& area = target.area_flux;
+  if (!area.empty()) {
+    const Vec2 pitch = target.extent.size().cwiseQuotient(Vec2(area.width, area.height));
+    for (int row = 0; row < area.height; ++row) {
+      for (int column = 0; column < area.width; ++column) {
+        add(area.at(column, row), target.extent.min + pitch.cwiseProduct(Vec2(column + 0.5, row + 0.5)),
+            pitch.cwiseProduct(pitch) / 12);
       }
     }
   }
-
-  result.mass = sign * mass;
-  result.moment = sign * Vec2(origin_.x() * mass + pitch_.x() * x_moment, origin_.y() * mass + pitch_.y() * y_moment);
-  result.line = density_length * (q - p).norm() / (pitch_.x() * pitch_.y());
-  return result;
+  // Green's theorem along the borders, with what lies right of the extent as zero; Simpson's rule is exact for cubics.
+  const double right = target.extent.max.x();
+  for (const auto& border : target.area_borders) {
+    const double rise = border.jump * (border.high.y() - border.low.y());
+    for (const auto& [t, weight] : {std::pair(0.0, 1.0 / 6), std::pair(0.5, 4.0 / 6), std::pair(1.0, 1.0 / 6)}) {
+      const Vec2 p = border.low + t * (border.high - border.low);
+      const double width = right - p.x();
+      const double m = weight * rise * width;
+      add(m, {(right + p.x()) / 2, p.y()}, {width * width / 12, 0});
+    }
+  }
+  const Vec2 blur = Vec2::Constant(radius * radius / 4);
+  for (const auto& curve : target.curves) {
+    for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
+      const Vec2 d = curve.vertices_mm[k + 1] - curve.vertices_mm[k];
+      add(d.norm() * (curve.density_per_mm[k] + curve.density_per_mm[k + 1]) / 2,
+          (curve.vertices_mm[k + 1] + curve.vertices_mm[k]) / 2, d.cwiseProduct(d) / 12 + blur);
+    }
+  }
+  for (const auto& point : target.points) add(point.flux, point.position_mm, blur);
+  Spread spread;
+  spread.mean = first / mass;
+  spread.deviation = (second / mass - spread.mean.cwiseProduct(spread.mean)).cwiseMax(0).cwiseSqrt();
+  return spread;
 }
 
 CellIntegrals integrate_cells(const TargetMeasure& measure, const PowerDiagram& diagram, const std::vector<Vec2>& sites,

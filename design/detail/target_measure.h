@@ -1,52 +1,16 @@
-// Exact integrals of a target measure (pixels, strips along curves, disks at points) over the cells of a power diagram.
+// Exact integrals of a target measure (pixels and filled shapes, strips along curves, disks at points) over the cells of a
+// power diagram.
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "design/core/geometry.h"
-#include "design/core/grid.h"
+#include "design/detail/pixel_density.h"
 #include "design/detail/power_diagram.h"
 #include "design/target.h"
 
 namespace lightmill::detail {
-
-/// A piecewise constant density, prepared so that Green's theorem integrates it along edges: with the flux left of a
-/// point, F(x, y) = int_{-inf}^{x} rho(t, y) dt, a cell's mass is the contour integral of F dy.
-class PixelDensity {
- public:
-  PixelDensity() = default;
-  /// `flux` per pixel over `extent`, row 0 at the smallest y.
-  PixelDensity(const Grid<double>& flux, const Box2& extent);
-
-  struct Integral {
-    double mass = 0;  ///< of F dy
-    Vec2 moment{0, 0};
-    double line = 0;  ///< of the density along the edge, flux per mm
-  };
-  /// Contribution of the directed edge from p to q; antisymmetric but for `line`.
-  [[nodiscard]] Integral along(const Vec2& p, const Vec2& q) const;
-  [[nodiscard]] bool empty() const { return width_ == 0; }
-
- private:
-  struct Pixel {
-    double rho;  // flux per pixel
-    double c0;   // F(X) = c0 + rho X within the pixel (lengths in pixels)
-    double c1;   // G(X) = int t rho dt = c1 + rho X^2 / 2
-  };
-  struct Beyond {  // integrals over y from the bottom of F, y F and G right of the last column
-    double mass;
-    double y_moment;
-    double x_moment;
-  };
-  [[nodiscard]] Beyond beyond(double y) const;
-
-  int width_ = 0;
-  int height_ = 0;
-  Vec2 origin_{0, 0};
-  Vec2 pitch_{1, 1};
-  std::vector<Pixel> pixels_;
-  std::vector<Beyond> beyond_;
-};
 
 /// A straight piece of a curve as a strip of half width `radius`, flux per mm linear from `density_from` to
 /// `density_to`.
@@ -70,6 +34,18 @@ struct TargetMeasure {
   std::vector<Disk> disks;
   double radius = 0;
 };
+
+/// The target about `centre`. Area light is averaged onto a grid of about `most_pixels` pixels if that is coarser than
+/// what the target has; kExact leaves it exactly as it is.
+inline constexpr double kExact = std::numeric_limits<double>::infinity();
+TargetMeasure measure_of(const TargetLight& target, const Vec2& centre, double radius, double most_pixels = kExact);
+
+/// Mean and standard deviation of a target in x and y, its curves and points spread by `radius`.
+struct Spread {
+  Vec2 mean{0, 0};
+  Vec2 deviation{0, 0};
+};
+Spread spread_of(const TargetLight& target, double radius);
 
 struct CellIntegrals {
   std::vector<double> masses;
