@@ -6,6 +6,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
+#include "design/detail/equal_masses.h"
 #include "design/detail/power_diagram.h"
 
 namespace lightmill::detail {
@@ -17,7 +18,7 @@ constexpr double kRest = 0.008;          // mean way from site to centroid, in c
 constexpr int kMostCoarse = 60;          // iterations on the coarsest level, and
 constexpr int kMostFine = 16;            // on the others, which start near
 constexpr double kOverRelaxation = 1.5;  // of Lloyd's step; below 2 the energy still falls
-constexpr double kBridge = 1e-3;         // of the mean weight, between neighbours with no light on their border
+constexpr double kEqual = 0.005;         // spread of the samples' flux that is equal enough
 
 double cross(const Vec2& a, const Vec2& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -72,9 +73,9 @@ struct Cells {
   std::vector<double> edge_flux;  // integral of the irradiance along each border
 };
 
-/// All integrals. `at` remembers a site near each triangle.
+/// All integrals over the cells {x : x.s_i - psi_i is largest}. `at` remembers a site near each triangle.
 Cells integrate_cells(const SourceMesh& mesh, const PowerDiagram& diagram, const std::vector<Vec2>& sites,
-                      std::vector<int>& at) {
+                      const std::vector<double>& psi, std::vector<int>& at) {
   const int n = static_cast<int>(sites.size());
   const auto incident = [&](int i) { return std::pair(diagram.first_edge[i], diagram.first_edge[i + 1]); };
   const auto other = [&](int e, int i) { return diagram.edges[e].a == i ? diagram.edges[e].b : diagram.edges[e].a; };
@@ -100,18 +101,18 @@ Cells integrate_cells(const SourceMesh& mesh, const PowerDiagram& diagram, const
     for (std::size_t k = begin; k < end; ++k) {
       const auto& t = mesh.triangles[k];
       const Vec2 middle = (mesh.vertices_mm[t[0]] + mesh.vertices_mm[t[1]] + mesh.vertices_mm[t[2]]) / 3;
-      // Downhill over the Delaunay neighbours to the nearest site.
+      // Uphill over neighbours to the site whose cell holds the middle.
       int nearest = at[k];
       while (incident(nearest).first == incident(nearest).second) nearest = (nearest + 1) % n;
-      for (double best = (sites[nearest] - middle).squaredNorm();;) {
+      for (double best = middle.dot(sites[nearest]) - psi[nearest];;) {
         const int from = nearest;
         const auto [first, last] = incident(from);
         for (std::size_t e = first; e < last; ++e) {
           const int b = other(diagram.incident_edges[e], from);
           if (b >= n) continue;
-          const double square = (sites[b] - middle).squaredNorm();
-          if (square < best) {
-            best = square;
+          const double value = middle.dot(sites[b]) - psi[b];
+          if (value > best) {
+            best = value;
             nearest = b;
           }
         }
@@ -133,11 +134,11 @@ Cells integrate_cells(const SourceMesh& mesh, const PowerDiagram& diagram, const
           const int b = other(edge, i);
           if (b >= n) continue;
           const Vec2 toward = sites[b] - sites[i];
-          const Vec2 half = (sites[b] + sites[i]) / 2;
+          const double border = psi[b] - psi[i];
           beyond.resize(polygon.size());
           bool cut = false;
           for (std::size_t c = 0; c < polygon.size(); ++c) {
-            beyond[c] = toward.dot(polygon[c].place - half);
+            beyond[c] = toward.dot(polygon[c].place) - border;
             cut |= beyond[c] > 0;
           }
           if (!cut) continue;
@@ -215,6 +216,17 @@ struct Relaxed {
   Cells cells;
   double way = 0;  // mean, in cell sizes
   int iterations = 0;
+
+  /// Between sites: flux along their border / their distance.
+  [[nodiscard]] std::vector<GraphEdge> edges() const {
+    const int n = static_cast<int>(sites.size());
+    std::vector<GraphEdge> result;
+    for (std::size_t e = 0; e < diagram.edges.size(); ++e) {
+      const auto& edge = diagram.edges[e];
+      if (edge.a < n && edge.b < n) result.push_back({edge.a, edge.b, cells.edge_flux[e] / diagram.site_distance[e]});
+    }
+    return result;
+  }
 };
 
 Relaxed relax(const SourceMesh& mesh, std::vector<Vec2> sites, double reach, int most, std::vector<int>& at,
@@ -226,7 +238,7 @@ Relaxed relax(const SourceMesh& mesh, std::vector<Vec2> sites, double reach, int
     std::vector<double> psi(n);
     for (std::size_t i = 0; i < n; ++i) psi[i] = sites[i].squaredNorm() / 2;
     r.diagram = PowerDiagramBuilder(sites, reach).build(psi);
-    r.cells = integrate_cells(mesh, r.diagram, sites, at);
+    r.cells = integrate_cells(mesh, r.diagram, sites, psi, at);
     r.way = 0;
     int dark = 0;
     std::vector<Vec2> moved = sites;
@@ -266,6 +278,28 @@ Relaxed relax(const SourceMesh& mesh, std::vector<Vec2> sites, double reach, int
   }
   r.sites = std::move(sites);
   return r;
+}
+
+/// Moves the borders of the cells, not their sites, until each carries the same flux.
+void equalise(const SourceMesh& mesh, Relaxed& relaxed, double reach, std::vector<int>& at, const Monitor& monitor) {
+  const int n = static_cast<int>(relaxed.sites.size());
+  PowerDiagramBuilder builder(relaxed.sites, reach);
+  std::vector<double> last;
+  const auto summary = [&] {
+    SourceCells cells{last, {}, relaxed.edges()};
+    for (const auto& cell : relaxed.cells.of_site) cells.masses.push_back(cell.mass);
+    return cells;
+  };
+  const auto measure = [&](std::vector<double> psi) {
+    monitor.check();
+    relaxed.diagram = builder.build(psi);
+    relaxed.cells = integrate_cells(mesh, relaxed.diagram, relaxed.sites, psi, at);
+    last = std::move(psi);
+    return summary();
+  };
+  for (int i = 0; i < n; ++i) last.push_back(relaxed.sites[i].squaredNorm() / 2);
+  const SourceCells equal = with_equal_masses(relaxed.sites, summary(), kEqual, measure);
+  if (equal.psi != last) (void)measure(equal.psi);
 }
 
 }  // namespace
@@ -317,6 +351,7 @@ std::vector<Sampling> sample_mesh(const SourceMesh& whole, int samples, std::uin
   std::vector<Sampling> result;
   for (int level = levels - 1; level >= 0; --level) {
     Relaxed relaxed = relax(mesh, std::move(sites), reach, level == levels - 1 ? kMostCoarse : kMostFine, at, monitor);
+    equalise(mesh, relaxed, reach, at, monitor);
     const std::size_t n = relaxed.sites.size();
     Sampling sampling;
     sampling.centre = mean;
@@ -325,23 +360,12 @@ std::vector<Sampling> sample_mesh(const SourceMesh& whole, int samples, std::uin
     sampling.way = relaxed.way;
     double mass = 0;
     for (const auto& cell : relaxed.cells.of_site) mass += cell.mass;
-    double squares = 0;
     for (const auto& cell : relaxed.cells.of_site) {
       sampling.masses.push_back(cell.mass / mass);
       sampling.centroids.emplace_back(cell.moment / cell.mass);
-      const double off = sampling.masses.back() * static_cast<double>(n) - 1;
-      squares += off * off / static_cast<double>(n);
     }
-    sampling.flux_spread = std::sqrt(squares);
-    double weights = 0;
-    for (std::size_t e = 0; e < relaxed.diagram.edges.size(); ++e) {
-      const auto& edge = relaxed.diagram.edges[e];
-      if (edge.a >= static_cast<int>(n) || edge.b >= static_cast<int>(n)) continue;
-      sampling.edges.push_back({edge.a, edge.b, relaxed.cells.edge_flux[e] / relaxed.diagram.site_distance[e]});
-      weights += sampling.edges.back().weight;
-    }
-    const double least = kBridge * weights / static_cast<double>(std::max<std::size_t>(1, sampling.edges.size()));
-    for (auto& edge : sampling.edges) edge.weight = std::max(edge.weight, least);
+    sampling.flux_spread = flux_spread_of(sampling.masses);
+    sampling.edges = bridged(relaxed.edges());
 
     if (level > 0) {
       // Four for one, on a square turned at random.

@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "design/core/parallel.h"
+#include "design/detail/equal_masses.h"
 #include "design/detail/mesh_sampling.h"
 #include "design/detail/power_diagram.h"
 #include "design/detail/target_measure.h"
@@ -17,6 +18,7 @@ namespace {
 
 constexpr int kCoarsest = 256;        // sites of the coarsest sampling, about
 constexpr int kLloydIterations = 12;  // on a sunflower the cells are nearly equal from the start
+constexpr double kEqual = 0.005;      // spread of the samples' flux that is equal enough
 
 Sampling sample_rectangle(const Vec2& size, int columns, int rows) {
   Sampling sampling;
@@ -49,26 +51,51 @@ Sampling sample_disk(double radius, int count, const Monitor& monitor) {
   TargetMeasure disk;
   disk.disks = {{Vec2(0, 0), 1.0}};
   disk.radius = radius;
-  for (int iteration = 0;; ++iteration) {
+  CellIntegrals cells;
+  PowerDiagram diagram;
+  std::vector<int> starts;
+  std::vector<double> last;
+  const auto measure = [&](PowerDiagramBuilder& builder, std::vector<double> psi) {
     monitor.check();
+    diagram = builder.build(psi);
+    cells = integrate_cells(disk, diagram, sampling.sites, psi, starts);
+    last = std::move(psi);
+  };
+  const auto voronoi = [&] {
+    std::vector<double> psi;
+    for (const Vec2& site : sampling.sites) psi.push_back(site.squaredNorm() / 2);
+    return psi;
+  };
+  const auto centroids = [&] {
+    std::vector<Vec2> result;
+    for (int i = 0; i < count; ++i) result.emplace_back(cells.moments[i] / cells.masses[i]);
+    return result;
+  };
+  for (int iteration = 0; iteration < kLloydIterations; ++iteration) {
     PowerDiagramBuilder builder(sampling.sites, radius);
-    std::vector<double> psi(count);
-    for (int i = 0; i < count; ++i) psi[i] = sampling.sites[i].squaredNorm() / 2;
-    const PowerDiagram diagram = builder.build(psi);
-    std::vector<int> starts;
-    const CellIntegrals cells = integrate_cells(disk, diagram, sampling.sites, psi, starts);
-    sampling.masses = cells.masses;
-    sampling.centroids.resize(count);
-    for (int i = 0; i < count; ++i) sampling.centroids[i] = cells.moments[i] / cells.masses[i];
-    if (iteration == kLloydIterations) {
-      for (std::size_t e = 0; e < diagram.edges.size(); ++e) {
-        const auto& edge = diagram.edges[e];
-        if (cells.edge_slopes[e] > 0) sampling.edges.push_back({edge.a, edge.b, cells.edge_slopes[e]});
-      }
-      break;
-    }
-    sampling.sites = sampling.centroids;
+    measure(builder, voronoi());
+    sampling.sites = centroids();
   }
+  // Then borders are moved, not sites, until the cells are equal.
+  PowerDiagramBuilder builder(sampling.sites, radius);
+  const auto summary = [&] {
+    SourceCells result{last, cells.masses, {}};
+    for (std::size_t e = 0; e < diagram.edges.size(); ++e) {
+      const auto& edge = diagram.edges[e];
+      if (cells.edge_slopes[e] > 0) result.edges.push_back({edge.a, edge.b, cells.edge_slopes[e]});
+    }
+    return result;
+  };
+  measure(builder, voronoi());
+  const SourceCells equal = with_equal_masses(sampling.sites, summary(), kEqual, [&](std::vector<double> psi) {
+    measure(builder, std::move(psi));
+    return summary();
+  });
+  if (equal.psi != last) measure(builder, equal.psi);
+  sampling.masses = cells.masses;
+  sampling.centroids = centroids();
+  sampling.edges = equal.edges;
+  sampling.flux_spread = flux_spread_of(sampling.masses);
   const double total = std::accumulate(sampling.masses.begin(), sampling.masses.end(), 0.0);
   for (double& mass : sampling.masses) mass /= total;
   sampling.spread = Vec2(radius / 2, radius / 2);

@@ -318,7 +318,7 @@ TEST(Stages, AnySourceLightIsTransportedAndRefusedAtTheSurface) {
   const json design = report_of(run)["design"];
   EXPECT_TRUE(design["transport"]["converged"]);
   EXPECT_EQ(design["transport"]["empty_cells"], 0);
-  EXPECT_LT(design["transport"]["flux_spread"], 0.25);
+  EXPECT_LT(design["transport"]["flux_spread"], 0.01);
   EXPECT_EQ(design["source"]["totally_reflected"]["share"], 0);
   EXPECT_TRUE(fs::exists(run / "design/source.png"));
   EXPECT_TRUE(fs::exists(run / "design/transport.npy"));

@@ -229,7 +229,7 @@ TEST(Source, AHeightImageAndAMeshAreBases) {
   EXPECT_THROW((void)trace_source(lens, {}, {}, 12), InputError);
 }
 
-void expect_good_sampling(const SourceLight& source, const std::vector<detail::Sampling>& levels) {
+void expect_good_sampling(const SourceLight& source, const std::vector<detail::Sampling>& levels, double spread) {
   for (const auto& s : levels) {
     double sum = 0;
     Vec2 mean(0, 0);
@@ -241,7 +241,7 @@ void expect_good_sampling(const SourceLight& source, const std::vector<detail::S
     EXPECT_NEAR(sum, 1, 1e-12);
     // Sums over cells are integrals over the mesh: nothing is lost between triangle and cell.
     EXPECT_LT(mean.norm(), 1e-9 * source.size_mm.norm());
-    EXPECT_LT(s.flux_spread, 0.15);
+    EXPECT_LT(s.flux_spread, spread);
     EXPECT_LT(s.way, 0.01) << "mean way to the centroid, in cell sizes";
   }
 }
@@ -250,8 +250,7 @@ TEST(SourceSampling, GaussianSamplesCarryTheSameFluxPerSeedAndThreadCount) {
   const SourceLight source = trace_source(small_lens(), gaussian(12, {8, -5}), {}, 40).source;
   const auto levels = detail::sample_mesh(source.mesh, 4096, 7, {});
   ASSERT_EQ(levels.front().sites.size(), 4096U);
-  expect_good_sampling(source, levels);
-  EXPECT_LT(levels.front().flux_spread, 0.1);
+  expect_good_sampling(source, levels, 0.005);
   const int threads = thread_count();
   set_thread_count(3);
   const auto again = detail::sample_mesh(source.mesh, 4096, 7, {});
@@ -268,7 +267,7 @@ TEST(SourceSampling, HolesStayEmptyAndPartsAreJoined) {
   lens.outline_mm.push_back(ring(10, 60));  // an island
   const SourceLight source = trace_source(lens, {}, {}, 40).source;
   const auto levels = detail::sample_mesh(source.mesh, 2048, 1, {});
-  expect_good_sampling(source, levels);
+  expect_good_sampling(source, levels, 0.015);  // a part's flux is no whole number of samples
   for (const Vec2& relative : levels.front().sites) {
     const double r = (relative + levels.front().centre).norm();
     EXPECT_TRUE(r < 10 || (r > 15 * std::cos(kPi / 120) && r < 30)) << r;
