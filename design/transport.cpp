@@ -14,6 +14,7 @@
 #include "design/detail/laplacian.h"
 #include "design/detail/one_blas_thread.h"
 #include "design/detail/power_diagram.h"
+#include "design/detail/sampled_transport.h"
 #include "design/detail/sampling.h"
 #include "design/detail/target_measure.h"
 
@@ -360,16 +361,25 @@ void check(const SourceLight& source, const TargetLight& target, const Transport
 TransportMap solve_transport(const SourceLight& source, const TargetLight& target, const TransportOptions& options,
                              const Monitor& monitor) {
   check(source, target, options);
-  const detail::OneBlasThread one_blas_thread;
-  const auto start = std::chrono::steady_clock::now();
+  Stopwatch watch;
   const std::vector<Sampling> samplings = detail::sample_source(source, options.samples, options.seed, monitor);
+  const double sampling_seconds = watch.lap();
+  TransportMap map = detail::solve_sampled(samplings, target, options, monitor);
+  map.summary.seconds += sampling_seconds;
+  return map;
+}
+
+TransportMap detail::solve_sampled(const std::vector<Sampling>& samplings, const TargetLight& target,
+                                   const TransportOptions& options, const Monitor& monitor) {
+  const OneBlasThread one_blas_thread;
+  Stopwatch watch;
 
   // The target about its own centre of mass: potentials of a concentrated target are then small, and accurate.
   const detail::Spread spread = detail::spread_of(target, options.point_radius_mm);
   const Box2 extent{target.extent.min - spread.mean, target.extent.max - spread.mean};
   const double reach = std::max({extent.min.norm(), extent.max.norm(), Vec2(extent.min.x(), extent.max.y()).norm(),
                                  Vec2(extent.max.x(), extent.min.y()).norm()}) +
-                       options.point_radius_mm + source.size_mm.norm();
+                       options.point_radius_mm;
 
   const bool singular = !(target.curves.empty() && target.points.empty());
   const auto start_radius = [&](const Sampling& sampling) {
@@ -452,7 +462,7 @@ TransportMap solve_transport(const SourceLight& source, const TargetLight& targe
   map.summary.empty_cells = result->empty;
   map.summary.converged =
       result->empty == 0 && result->l1_error <= options.l1_tolerance && result->max_error <= options.max_tolerance;
-  map.summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  map.summary.seconds = watch.lap();
   if (!map.summary.converged) {
     throw NumericalError("transport did not reach its tolerances in " + std::to_string(map.summary.iterations) +
                          " evaluations: " + result->words() +

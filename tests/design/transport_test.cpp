@@ -11,15 +11,13 @@
 #include "design/core/parallel.h"
 #include "design/detail/power_diagram.h"
 #include "design/detail/target_measure.h"
+#include "tests/design/transport_checks.h"
 
 namespace lightmill {
 namespace {
 
-TransportOptions samples(int count) {
-  TransportOptions options;
-  options.samples = count;
-  return options;
-}
+using test::expect_sound;
+using test::samples;
 
 TargetLight fixture(const std::string& name) {
   TargetSpec spec;
@@ -32,47 +30,6 @@ TargetLight fixture(const std::string& name) {
     spec.drawing = LIGHTMILL_FIXTURES "/pictures/" + name;
   }
   return load_target(spec);
-}
-
-/// What every map must hold, whatever the target.
-void expect_sound(const TransportMap& map, const TransportOptions& options) {
-  const auto& s = map.summary;
-  const std::size_t n = map.sites_mm.size();
-  EXPECT_TRUE(s.converged);
-  EXPECT_EQ(s.empty_cells, 0);
-  EXPECT_EQ(static_cast<std::size_t>(s.samples), n);
-  EXPECT_NEAR(std::accumulate(map.source_masses.begin(), map.source_masses.end(), 0.0), 1, 1e-12);
-  EXPECT_NEAR(std::accumulate(map.target_masses.begin(), map.target_masses.end(), 0.0), 1, 1e-9);
-  // The errors by their definition.
-  double l1 = 0;
-  double most = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const double error = std::abs(map.target_masses[i] - map.source_masses[i]);
-    l1 += error;
-    most = std::max(most, error / map.source_masses[i]);
-  }
-  EXPECT_NEAR(s.l1_mass_error, l1, 1e-12);
-  EXPECT_NEAR(s.max_mass_error, most, 1e-9);
-  EXPECT_LE(l1, options.l1_tolerance);
-  EXPECT_LE(most, options.max_tolerance);
-  // Monotone, and cyclically so over three: no exchange of targets is shorter. Strips and disks are drawn together to
-  // their axes in the centroids, which moves them by at most their radius.
-  std::mt19937 random(11);
-  std::uniform_int_distribution<std::size_t> any(0, n - 1);
-  for (int trial = 0; trial < 20000; ++trial) {
-    const std::size_t i = any(random);
-    const std::size_t j = any(random);
-    const std::size_t k = any(random);
-    const Vec2& si = map.sites_mm[i];
-    const Vec2& sj = map.sites_mm[j];
-    const Vec2& sk = map.sites_mm[k];
-    const Vec2& ti = map.target_centroids_mm[i];
-    const Vec2& tj = map.target_centroids_mm[j];
-    const Vec2& tk = map.target_centroids_mm[k];
-    const double slack = options.point_radius_mm * ((si - sj).norm() + (sj - sk).norm() + (sk - si).norm()) + 1e-9;
-    ASSERT_GE((si - sj).dot(ti - tj), -slack) << "seed 11, trial " << trial;
-    ASSERT_GE(si.dot(ti - tj) + sj.dot(tj - tk) + sk.dot(tk - ti), -slack) << "seed 11, trial " << trial;
-  }
 }
 
 TEST(Transport, UniformToUniformMovesNothing) {
@@ -220,7 +177,7 @@ TEST(Transport, ADiskGoesRadiallyOntoACircle) {
   }
 }
 
-TEST(Transport, TheDisksSamplesAreItsOwnVoronoiCells) {
+TEST(Transport, TheDisksSamplesCarryTheSameFlux) {
   SourceLight source;
   source.shape = SourceLight::Shape::kDisk;
   source.size_mm = {80, 80};
@@ -233,9 +190,11 @@ TEST(Transport, TheDisksSamplesAreItsOwnVoronoiCells) {
   Vec2 mean(0, 0);
   for (std::size_t i = 0; i < map.sites_mm.size(); ++i) {
     mean += map.source_masses[i] * map.source_centroids_mm[i];
-    EXPECT_NEAR(map.source_masses[i] * 1500, 1, 0.25);
+    EXPECT_NEAR(map.source_masses[i] * 1500, 1, 0.02);
   }
   EXPECT_LT(mean.norm(), 1e-11);
+  EXPECT_GT(map.summary.flux_spread, 0);
+  EXPECT_LT(map.summary.flux_spread, 0.005);
 }
 
 class TransportFixture : public ::testing::TestWithParam<const char*> {};
@@ -245,9 +204,7 @@ TEST_P(TransportFixture, Converges) {
   expect_sound(map, samples(2304));
 }
 
-INSTANTIATE_TEST_SUITE_P(Pictures, TransportFixture,
-                         ::testing::Values("astronaut.png", "horse.png", "rings.svg", "letter_f.svg", "circle.svg",
-                                           "portrait"),
+INSTANTIATE_TEST_SUITE_P(Pictures, TransportFixture, ::testing::Values("horse.png", "letter_f.svg", "circle.svg"),
                          [](const auto& test) {
                            std::string name = test.param;
                            return name.substr(0, name.find('.'));
@@ -344,7 +301,8 @@ TEST(PowerDiagram, RepairedByFlipsIsTheOneBuiltAnew) {
   for (const bool grid : {true, false}) {
     std::vector<Vec2> sites;
     for (int i = 0; i < 20 * 20; ++i) {
-      sites.emplace_back(grid ? Vec2(0.25 * (i % 20) - 2.5, 0.25 * (i / 20) - 2) : Vec2(3 * at(random), 3 * at(random)));
+      sites.emplace_back(grid ? Vec2(0.25 * (i % 20) - 2.5, 0.25 * (i / 20) - 2)
+                              : Vec2(3 * at(random), 3 * at(random)));
     }
     std::vector<double> psi;
     for (const Vec2& s : sites) psi.push_back(s.squaredNorm() / 2);
