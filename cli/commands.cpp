@@ -20,8 +20,7 @@
 #include "cli/simulation.h"
 #include "cli/stage_runs.h"
 #include "cli/stages.h"
-#include "design/beams.h"
-#include "design/caustic.h"
+#include "cli/trace_command.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/image.h"
@@ -258,109 +257,6 @@ int stream(const Common& common, const std::string& what, std::string port, int 
   return kExitDone;
 }
 
-struct TraceOptions {
-  std::string surface, job, picture;
-  int pixels = 512;
-  bool fresnel = false;
-  bool colours = false;
-  std::string direction, lamp, tilt;
-  double lamp_diameter_mm = 0;
-  int lamp_samples = 64;
-  int movie = 0;
-};
-
-json box_json(const Box2& box) {
-  if (box.empty()) return nullptr;
-  return {box.min.x(), box.min.y(), box.max.x(), box.max.y()};
-}
-
-/// Stills while the lens comes up to its place: turned about Y through the foot of the lens, from a quarter of a right angle
-/// down to none. Only the light's direction seen from the lens and the wall's tilt change; one exposure for all.
-void write_movie(const SurfaceMesh& mesh, const Job& job, const TargetLight& target, const BeamOptions& options, const TraceOptions& given,
-                 Progress& progress) {
-  constexpr double kFirstTurn = kPi / 8;
-  const Box2 wide = Box2::centred(2 * target.extent.size());
-  const double white = display_white(target) * wide.size().prod() / target.extent.size().prod();
-  for (int frame = 0; frame < given.movie; ++frame) {
-    const double turn = given.movie == 1 ? 0.0 : kFirstTurn * (1 - static_cast<double>(frame) / (given.movie - 1));
-    // Lens coordinates: light and wall turn the other way, about the lens's foot.
-    Lamp lamp;
-    lamp.direction = {-std::sin(turn), 0, std::cos(turn)};
-    lamp.angular_diameter_rad = job.light.angular_diameter_rad;
-    const double way = job.lens.thickness_mm + job.receiver.distance_mm;
-    const ReceiverPlane wall{way * lamp.direction, {std::cos(turn), 0, std::sin(turn)}, {0, 1, 0}};
-    const Caustic still = trace_beams(mesh, job.lens, lamp, wall, wide, options, progress.stage("still " + std::to_string(frame + 1)));
-    // Common exposure: scaled by all light through the lens, not by what landed.
-    Grid<float> light(still.flux.width, still.flux.height);
-    for (std::size_t i = 0; i < light.values.size(); ++i)
-      light.values[i] = static_cast<float>(still.flux.values[i] * static_cast<double>(light.values.size()) / white);
-    const fs::path picture(given.picture);
-    std::string number = std::to_string(frame + 1);
-    number.insert(0, number.size() < 4 ? 4 - number.size() : 0, '0');
-    write_png8(picture.parent_path() / (picture.stem().string() + "_" + number + ".png"), as_seen(light, job.receiver.viewed_from));
-    progress.done();
-  }
-}
-
-int trace(const Common& common, const TraceOptions& given) {
-  const Job job = read_job(given.job);
-  const OpticalPart part = optical_part(read_surface(given.surface));
-  const TargetLight target = target_of(job);
-  Progress progress(common.style());
-  if (part.walls_and_bottom > 0) {
-    progress.say("left out: " + std::to_string(part.walls_and_bottom) + " triangles of walls and bottom, which do not face +Z");
-  }
-  if (given.picture.empty() && given.movie > 0) throw InputError("--movie needs -o: the stills are named after the picture");
-  BeamOptions options;
-  options.pixels = given.pixels;
-  options.fresnel = given.fresnel;
-  options.lamp_samples = given.lamp_samples;
-  Lamp lamp;
-  lamp.angular_diameter_rad = job.light.angular_diameter_rad;
-  if (!given.direction.empty()) lamp.direction = parse_three(given.direction, ',', "--direction", "0.1,0,1");
-  if (!given.lamp.empty()) {
-    lamp.kind = Lamp::Kind::kPoint;
-    lamp.position_mm = parse_three(given.lamp, ',', "--lamp", "0,0,-1000");
-    lamp.diameter_mm = given.lamp_diameter_mm;
-  }
-  Vec2 tilt{0, 0};
-  if (!given.tilt.empty()) tilt = parse_three(given.tilt + ",0", ',', "--tilt-deg", "0,30").head<2>() * kPi / 180;
-  const ReceiverPlane wall = receiver_plane(job.lens, job.receiver, tilt);
-  const auto beams = [&](const Lens& lens, const char* name) {
-    const Caustic result = trace_beams(part.mesh, lens, lamp, wall, target.extent, options, progress.stage(name));
-    progress.done();
-    return result;
-  };
-  const Caustic caustic = beams(job.lens, "trace");
-  const CausticMeasures measures = measure_caustic(caustic, target);
-  const double white = display_white(target);
-  if (given.colours && !given.picture.empty()) {
-    const char* names[3] = {"red", "green", "blue"};
-    std::array<Grid<float>, 3> channels;
-    for (int c = 0; c < 3; ++c) {
-      channels[c] = display_picture(beams(lens_at(job.lens, kPrimaryWavelengthsUm[c]), names[c]).flux, job.receiver.viewed_from, white);
-    }
-    write_png8(given.picture, channels[0], channels[1], channels[2]);
-  } else if (!given.picture.empty()) {
-    write_png8(given.picture, display_picture(caustic.flux, job.receiver.viewed_from, white));
-  }
-  if (given.movie > 0) write_movie(part.mesh, job, target, options, given, progress);
-  progress.say("l1_error " + fixed(measures.l1_error, 4) + ", psnr_db " + fixed(measures.psnr_db, 2) + ", flux_outside_support " +
-               fixed(measures.flux_outside_support, 4) + ", flux_totally_reflected " + fixed(measures.flux_totally_reflected, 6));
-  progress.say("shadowed " + fixed(caustic.shadowed, 6) + ", through_rim " + fixed(caustic.through_rim, 6) + ", fresnel_reflected " +
-               fixed(caustic.fresnel_reflected, 6) + ", beside the picture " + fixed(caustic.outside_extent, 6));
-  json told = to_json(measures);
-  told["shadowed"] = caustic.shadowed;
-  told["through_rim"] = caustic.through_rim;
-  told["fresnel_reflected"] = caustic.fresnel_reflected;
-  told["flux_beside_picture"] = caustic.outside_extent;
-  told["lost_from_mm"] = {{"totally_reflected", box_json(caustic.reflected_from)},
-                          {"shadowed", box_json(caustic.shadowed_from)},
-                          {"through_rim", box_json(caustic.rim_from)}};
-  progress.event({{"event", "trace"}, {"measures", told}});
-  return kExitDone;
-}
-
 /// Options for a shop floor, shared by `machine` and `dry-run PROGRAM...`.
 struct ShopOptions {
   std::string machine;
@@ -426,6 +322,7 @@ int run_command_line(int argc, char** argv) {
 
   std::string job, out, until = "dry-run", dir, port, link;
   TraceOptions traced;
+  std::string trace_direction, trace_lamp, trace_tilt;
   std::vector<std::string> programs;
   int baud = 0;
   bool confirm = false;
@@ -496,18 +393,24 @@ int run_command_line(int argc, char** argv) {
 
   sub = command("trace", "light through any surface mesh", "trace surface.ply --job portrait.toml -o caustic.png");
   sub->add_option("surface", traced.surface, "PLY, OBJ or STL mesh, mm, lens frame; walls and bottom are left out")->required();
-  sub->add_option("--job", traced.job, "job with target, lens and receiver")->required();
+  sub->add_option("--job", traced.job, "job with target, lens, light and receiver")->required();
   sub->add_option("-o,--out", traced.picture, "picture to write (PNG)");
   sub->add_option("--pixels", traced.pixels, "along the picture's longer side")->check(CLI::Range(1, 16384));
   sub->add_flag("--fresnel", traced.fresnel, "count what both faces reflect (unpolarised light)");
   sub->add_flag("--colours", traced.colours, "red, green and blue bent as acrylic bends them");
-  sub->add_option("--direction", traced.direction, "parallel light's direction x,y,z (default 0,0,1)");
-  sub->add_option("--lamp", traced.lamp, "a lamp at x,y,z in mm instead, z below 0");
+  sub->add_option("--direction", trace_direction, "parallel light along x,y,z instead of the job's light");
+  sub->add_option("--lamp", trace_lamp, "a lamp at x,y,z in mm instead, z below 0");
   sub->add_option("--lamp-diameter-mm", traced.lamp_diameter_mm, "of that lamp, a disk")->check(CLI::Range(0.0, 1e5));
   sub->add_option("--lamp-samples", traced.lamp_samples, "places of an extended lamp; the blur is resolved to diameter / sqrt of it")->check(CLI::Range(1, 100000));
-  sub->add_option("--tilt-deg", traced.tilt, "the wall's tilt about x,y, e.g. 0,30");
+  sub->add_option("--tilt-deg", trace_tilt, "the wall's tilt about x, then y, e.g. 0,30");
   sub->add_option("--movie", traced.movie, "so many stills beside the picture while the lens turns 22.5 degrees into its place")->check(CLI::Range(0, 9999));
-  on(sub, [&] { return trace(common, traced); });
+  on(sub, [&] {
+    if (!trace_direction.empty()) traced.direction = parse_three(trace_direction, ',', "--direction", "0.1,0,1");
+    if (!trace_lamp.empty()) traced.lamp_mm = parse_three(trace_lamp, ',', "--lamp", "0,0,-1000");
+    if (!trace_tilt.empty()) traced.tilt_rad = parse_three(trace_tilt + ",0", ',', "--tilt-deg", "0,30").head<2>() * kPi / 180;
+    Progress progress(common.style());
+    return trace(traced, progress);
+  });
 
   sub = command("check", "can this lens be milled? slopes, radii, what the ball cannot reach", "check out");
   sub->add_option("folder", dir, "run folder")->required();

@@ -1,10 +1,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "cli/job_light.h"
 #include "cli/npy.h"
 #include "cli/pictures.h"
 #include "cli/stage_runs.h"
-#include "design/caustic.h"
 #include "design/core/errors.h"
 #include "design/mesh.h"
 #include "design/source.h"
@@ -51,30 +51,10 @@ TransportMap read_map(const RunFolder& folder) {
   return map;
 }
 
-/// A file's picture over a box: row 0 at the smallest y.
-Grid<float> over_box(const Grid<float>& picture) { return flipped_rows(picture); }
-
-/// Lens and light with what their files say.
+/// Where the job's light would land unbent; an error where it folds.
 TracedSource source_of(const Job& job) {
-  Lens lens = job.lens;
-  Light light = job.light.beam;
-  const SourceFiles& files = job.source_files;
-  if (lens.shape == Lens::Shape::kOutline) lens.outline_mm = read_outline(files.outline.string(), lens.size_mm);
-  if (lens.base.kind == Base::Kind::kImage) {
-    lens.base.heights_mm = over_box(read_float_image(files.base));
-    for (float& h : lens.base.heights_mm.values) h *= static_cast<float>(files.base_scale_mm);
-    lens.base.extent = Box2::centred(lens.size_mm);
-  }
-  if (lens.base.kind == Base::Kind::kMesh) lens.base.mesh = read_ply(files.base);
-  if (light.kind == Light::Kind::kMesh) {
-    const auto [mesh, intensities] = read_intensity_ply(files.light_mesh);
-    light.mesh.positions_mm = mesh.vertices;
-    light.mesh.directions = mesh.normals;
-    light.mesh.intensities = intensities.empty() ? std::vector<double>(mesh.vertices.size(), 1.0) : intensities;
-    light.mesh.triangles = mesh.triangles;
-  }
-  if (light.profile.kind == Profile::Kind::kImage) light.profile.image = over_box(read_picture(files.light_image).gray);
-  TracedSource traced = trace_source(lens, light, job.receiver);
+  const Scene scene = scene_of(job);
+  TracedSource traced = trace_source(scene.lens, scene.light, job.receiver);
   if (traced.report.folded.share > 0) {
     SourceReport fold;
     fold.folded = traced.report.folded;
@@ -201,12 +181,13 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
 
   // Light through the surface as designed.
   const TargetLight target = target_of(job);
-  CausticOptions options;
+  BeamOptions options = beam_options(job);
   options.pixels = kPicturePixels;
-  options.angular_diameter_rad = job.light.angular_diameter_rad;
-  const Caustic caustic = trace_mesh(surface.mesh, job.lens, job.receiver, target.extent, options, monitor.part(0.9, 1));
+  const CastLight cast =
+      cast_light(surface.mesh, scene_of(job), job.receiver, target.extent, job.light.dispersion, options, monitor.part(0.9, 1));
+  const Caustic& caustic = cast.caustic;
   const CausticMeasures measures = measure_caustic(caustic, target);
-  write_png8(folder.file("design/caustic.png"), display_picture(caustic.flux, job.receiver.viewed_from, display_white(target)));
+  write_light_picture(folder.file("design/caustic.png"), cast, job.receiver.viewed_from, display_white(target));
   // Irradiance as a multiple of what would be even over the picture, as its reader sees it.
   Grid<float> irradiance(caustic.flux.width, caustic.flux.height);
   for (std::size_t i = 0; i < irradiance.values.size(); ++i) {
@@ -230,7 +211,8 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
                                         {"final_height_change_mm", s.final_height_change_mm},
                                         {"reason", s.reason}};
   result.report["design"]["caustic"] = to_json(measures);
-  result.report["design"]["caustic"]["flux_beside_picture"] = caustic.outside_extent;
+  result.report["design"]["caustic"].update(losses_json(caustic));
+  result.report["design"]["caustic"]["warnings"] = loss_words(caustic);
   result.files = {"design/surface.ply", "design/caustic.png", "design/caustic.exr", "design/heights.png"};
   return result;
 }

@@ -3,6 +3,7 @@
 #include <map>
 
 #include "cli/digest.h"
+#include "cli/job_light.h"
 #include "cli/pictures.h"
 #include "cli/simulation.h"
 #include "cli/spline_file.h"
@@ -107,10 +108,11 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   // Light through the machined surface, raw and polished.
   const TargetLight target = target_of(job);
   const double white = display_white(target);
+  const Scene scene = scene_of(job);
   CausticOptions options;
   options.angular_diameter_rad = job.light.angular_diameter_rad;
   const auto cast = [&](const Grid<float>& heights, const char* picture, const Monitor& part) {
-    const Caustic caustic = trace_heights(heights, machined.extent, job.lens, job.receiver, target.extent, options, part);
+    const Caustic caustic = trace_heights(heights, machined.extent, scene.lens, scene.light, job.receiver, target.extent, options, part);
     write_png8(folder.file(picture), display_picture(caustic.flux, job.receiver.viewed_from, white));
     return to_json(measure_caustic(caustic, target));
   };

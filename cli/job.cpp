@@ -138,6 +138,8 @@ void read_light(TomlTable table, const fs::path& folder, Job& job) {
     if (job.source_files.light_image.empty()) throw InputError(table.complaint("image", "missing; name the picture of the profile"));
   }
   job.light.angular_diameter_rad = kDegree * table.number_in("angular_diameter_deg", 0, 0, 20);
+  job.light.fresnel = table.boolean("fresnel", job.light.fresnel);
+  job.light.dispersion = table.boolean("dispersion", job.light.dispersion);
 }
 
 void read_receiver(TomlTable table, Job& job) {
@@ -445,7 +447,9 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   light.put("profile", std::string(kProfiles[static_cast<std::size_t>(beam.profile.kind)]));
   if (beam.profile.kind == Profile::Kind::kGaussian) light.put("sigma_mm", beam.profile.sigma_mm).put("centre_mm", beam.profile.centre_mm);
   if (!files.light_image.empty()) light.put("image", files.light_image);
-  sections["light"] = light.put("angular_diameter_deg", job.light.angular_diameter_rad / kDegree);
+  sections["light"] = light.put("angular_diameter_deg", job.light.angular_diameter_rad / kDegree)
+                          .put("fresnel", job.light.fresnel)
+                          .put("dispersion", job.light.dispersion);
   sections["receiver"] = Section()
                              .put("distance_mm", job.receiver.distance_mm)
                              .put("shift_mm", job.receiver.shift_mm)

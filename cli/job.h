@@ -29,7 +29,10 @@ struct SourceFiles {
 
 struct LightSpec {
   Light beam;                           ///< without what is in files
-  double angular_diameter_rad = 0;      ///< blurs the predicted picture only
+  // For the predicted picture only:
+  double angular_diameter_rad = 0;      ///< as seen from the lens
+  bool fresnel = false;                 ///< count what both faces reflect
+  bool dispersion = false;              ///< red, green and blue bent as acrylic bends them
 };
 
 struct StockSpec {

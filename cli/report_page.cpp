@@ -159,6 +159,9 @@ std::string warnings_box(const json& report) {
   if (report.contains("/design/target/warnings"_json_pointer)) {
     for (const auto& w : report.at("/design/target/warnings"_json_pointer)) item("Drawing: " + w.get<std::string>());
   }
+  if (report.contains("/design/caustic/warnings"_json_pointer)) {
+    for (const auto& w : report.at("/design/caustic/warnings"_json_pointer)) item("Light: " + w.get<std::string>() + ".");
+  }
   if (report.contains("/design/transport/converged"_json_pointer) && !report.at("/design/transport/converged"_json_pointer).get<bool>()) {
     item("The light transport did not reach its tolerance: " + report.at("/design/transport"_json_pointer).value("reason", ""));
   }
@@ -258,7 +261,8 @@ std::string report_page(const Job& job, const RunFolder& folder) {
           "<li>Gouge and cusp are measured against what an ideal ball can reach; the rest is listed as out of reach.</li>\n"
           "<li>Polish: Gaussian low-pass of the heights, " + compact(polish_um, 1) + " &micro;m. A hand polish is not that even; the picture is a hope with a number.</li>\n"
           "<li>The simulated machine is rigid and exact: no run-out, wear, heat, backlash or chatter.</li>\n"
-          "<li>Light is traced as rays through the one refracting surface" +
+          "<li>Light is traced as rays through back and surface" +
+          std::string(job.light.fresnel ? ", less what both faces reflect (design only)" : "") +
           (job.light.angular_diameter_rad > 0 ? ", the lamp as a disk of " + compact(job.light.angular_diameter_rad * 180 / kPi, 3) + " degrees" : std::string(", the lamp as a point at infinity")) +
           "; no diffraction, no reflections inside the lens.</li>\n</ul>\n";
   html += "</main></body></html>\n";

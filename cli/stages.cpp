@@ -53,6 +53,10 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
   Inputs inputs;
   inputs.text(LIGHTMILL_VERSION).text(std::string(stage_name(stage)));
   const auto target = [&] { inputs.text(sections.at("target")).text(viewed).file(job.target.image).file(job.target.drawing); };
+  const auto light_files = [&] {
+    const SourceFiles& files = job.source_files;
+    inputs.file(files.outline).file(files.base).file(files.light_mesh).file(files.light_image);
+  };
   switch (stage) {
     case Stage::kTransport:
       target();
@@ -61,14 +65,14 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
         inputs.text(job.lens.shape == Lens::Shape::kDisk ? "disk" : "rectangle")
             .text(compact(job.lens.size_mm.x(), 9) + "x" + compact(job.lens.size_mm.y(), 9));
       } else {
-        const SourceFiles& files = job.source_files;
         for (const char* name : {"lens", "light", "receiver"}) inputs.text(sections.at(name));
-        inputs.file(files.outline).file(files.base).file(files.light_mesh).file(files.light_image);
+        light_files();
       }
       inputs.text(sections.at("transport"));
       break;
     case Stage::kSurface:
       target();
+      light_files();
       inputs.file(folder.file("design/transport.npy"))
           .file(folder.file("design/transport_cells.npy"))
           .text(sections.at("lens"))
@@ -86,6 +90,7 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
       break;
     case Stage::kDryRun:
       target();
+      light_files();
       for (const char* name : {"10_rough", "20_semi_finish", "30_finish"}) inputs.file(folder.file("program/" + std::string(name) + (job.controller.dialect == "linuxcnc" ? ".ngc" : ".nc")));
       inputs.file(folder.file("cam/spline.bin")).file(overrides.machine_file.value_or(job.machine.file));
       if (overrides.cutter_files.empty()) {

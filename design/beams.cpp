@@ -16,21 +16,14 @@ namespace {
 using detail::LightGrid;
 using detail::ReliefRays;
 
-enum class Fate : char { kLands, kReflected, kShadowed, kThroughRim, kNeverArrives };
+enum class Fate : char { kLands, kUnlit, kReflected, kShadowed, kEntersByRim, kNeverArrives };
 
-/// What becomes of the ray through one vertex.
+/// What becomes of the light at one vertex.
 struct Corner {
   Fate fate = Fate::kLands;
-  Vec2 landed{0, 0};   // pixels
-  Vec2 entry_mm{0, 0}; // on the flat back
-  double passes = 1;   // share that neither entry nor exit reflects
-};
-
-/// A point of the lamp: parallel light from one direction, or from one place.
-struct LampPoint {
-  bool parallel = true;
-  Vec3 direction;  // unit
-  Vec3 position;
+  Vec3 flux = Vec3::Zero();  // along the ray inside the lens, per mm^2 of a plane at right angles
+  Vec2 landed{0, 0};         // pixels
+  double passes = 1;         // share that neither entry nor exit reflects
 };
 
 /// `count` points evenly over the unit disk: Vogel's sunflower, whose centroid is drawn onto the centre.
@@ -47,65 +40,46 @@ std::vector<Vec2> disk_points(int count) {
   return points;
 }
 
-std::vector<LampPoint> lamp_points(const Lamp& lamp, int samples) {
-  const bool parallel = lamp.kind == Lamp::Kind::kParallel;
-  if (parallel && !(lamp.direction.allFinite() && lamp.direction.z() > 0))
-    throw InputError("light.direction: must point towards +Z, onto the lens's flat back");
-  if (!parallel && !(lamp.position_mm.allFinite() && lamp.position_mm.z() < 0))
-    throw InputError("light.position_mm: the lamp must stand before the flat back, at z below 0");
-  if (samples < 1) throw InputError("lamp_samples is " + std::to_string(samples) + ", must be at least 1");
-  const Vec3 axis = parallel ? Vec3(lamp.direction.normalized()) : Vec3((-lamp.position_mm).normalized());
-  const Vec3 a = axis.unitOrthogonal();
-  const Vec3 b = axis.cross(a);
-  const double radius = parallel ? std::tan(lamp.angular_diameter_rad / 2) : lamp.diameter_mm / 2;
-  std::vector<LampPoint> points;
-  for (const Vec2& p : disk_points(radius > 0 ? samples : 1)) {
-    const Vec3 aside = radius * (p.x() * a + p.y() * b);
-    points.push_back({parallel, Vec3((axis + aside).normalized()), Vec3(lamp.position_mm + aside)});
-    if (parallel && !(points.back().direction.z() > 0)) throw InputError("light: a part of the lamp shines along the flat back");
-  }
-  return points;
+/// A direction tilted by `aside`, measured on a plane one unit away.
+Vec3 tilted(const Vec3& direction, const Vec2& aside) {
+  return Eigen::Quaterniond::FromTwoVectors(Vec3::UnitZ(), direction) * Vec3(aside.x(), aside.y(), 1);
 }
 
-/// Where light from `from` meets the plane z = 0 so that, refracted into `index`, it reaches `to`; the entry's distance from
-/// the foot of `from` by Newton's method on Fermat's condition, which is monotonic.
-Vec2 entry_point(const Vec3& from, const Vec3& to, double index) {
-  const Vec2 across = to.head<2>() - from.head<2>();
-  const double far = across.norm();
-  if (far == 0) return from.head<2>();
-  const double before = -from.z();
-  const double inside = to.z();
-  double low = 0;
-  double high = far;
-  double r = far * before / (before + inside / index);
-  for (int iteration = 0; iteration < 60; ++iteration) {
-    const double p = std::hypot(r, before);
-    const double q = std::hypot(far - r, inside);
-    const double mismatch = r / p - index * (far - r) / q;
-    (mismatch > 0 ? high : low) = r;
-    const double slope = before * before / (p * p * p) + index * inside * inside / (q * q * q);
-    double next = r - mismatch / slope;
-    if (!(next >= low && next <= high)) next = (low + high) / 2;
-    if (std::abs(next - r) < 1e-13 * far) {
-      r = next;
-      break;
+/// The part of a wide light that comes from one place of its disk; `aside` as seen from the lens.
+Light part_of(Light light, const Vec2& aside) {
+  if (light.kind == Light::Kind::kParallel) light.direction = tilted(light.direction, aside);
+  if (light.kind == Light::Kind::kPoint) light.position_mm = -light.position_mm.norm() * tilted(-light.position_mm, aside);
+  for (Vec3& direction : light.mesh.directions) direction = tilted(direction, aside);
+  return light;
+}
+
+/// Light on the back that meets the lens's side before the relief.
+void find_leaving_by_rim(const SurfaceMesh& mesh, const Lens& lens, const Illumination& illumination, double weight, Caustic& caustic) {
+  std::vector<double> light(mesh.vertices.size());
+  std::vector<char> leaves(mesh.vertices.size());
+  parallel_blocks(mesh.vertices.size(), 8192, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t v = begin; v < end; ++v) {
+      const Vec3& p = mesh.vertices[v];
+      const IncomingRay ray = illumination.at({p.x(), p.y(), 0});
+      light[v] = ray.irradiance;
+      const Vec2 exit = p.head<2>() + p.z() / ray.direction.z() * ray.direction.head<2>();
+      leaves[v] = !enters_back(lens, exit, p.head<2>());
     }
-    r = next;
+  });
+  double all = 0;
+  double leaving = 0;
+  for (const auto& t : mesh.triangles) {
+    const Vec3 ab = mesh.vertices[t[1]] - mesh.vertices[t[0]];
+    const Vec3 ac = mesh.vertices[t[2]] - mesh.vertices[t[0]];
+    const double area = std::abs(ab.x() * ac.y() - ab.y() * ac.x());
+    for (const int v : t) {
+      all += area * light[v];
+      if (!leaves[v]) continue;
+      leaving += area * light[v];
+      caustic.leaves_rim_from.include(mesh.vertices[v].head<2>());
+    }
   }
-  return from.head<2>() + across * (r / far);
-}
-
-/// Solid angle of a triangle [Van Oosterom and Strackee 1983].
-double solid_angle(const Vec3& a, const Vec3& b, const Vec3& c) {
-  const double la = a.norm(), lb = b.norm(), lc = c.norm();
-  return 2 * std::atan2(std::abs(a.dot(b.cross(c))), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
-}
-
-bool enters_back(const Lens& lens, const Vec2& entry) {
-  constexpr double kSlack = 1e-9;  // mm: a vertex on the rim belongs to the lens
-  const Vec2 half = lens.size_mm / 2;
-  if (lens.shape == Lens::Shape::kDisk) return entry.norm() <= half.x() + kSlack;
-  return std::abs(entry.x()) <= half.x() + kSlack && std::abs(entry.y()) <= half.y() + kSlack;
+  if (all > 0) caustic.leaves_by_rim += weight * leaving / all;
 }
 
 struct Sums {
@@ -113,12 +87,6 @@ struct Sums {
 };
 
 }  // namespace
-
-ReceiverPlane receiver_plane(const Lens& lens, const Receiver& receiver, const Vec2& tilt_rad, const Vec2& shift_mm) {
-  const Eigen::Matrix3d turn =
-      (Eigen::AngleAxisd(tilt_rad.y(), Vec3::UnitY()) * Eigen::AngleAxisd(tilt_rad.x(), Vec3::UnitX())).toRotationMatrix();
-  return {Vec3(shift_mm.x(), shift_mm.y(), lens.thickness_mm + receiver.distance_mm), turn.col(0), turn.col(1)};
-}
 
 double fresnel_transmission(double cos_before, const Indices& indices) {
   const double ci = std::min(1.0, std::abs(cos_before));
@@ -143,10 +111,11 @@ Lens lens_at(const Lens& lens, double wavelength_um) {
   return result;
 }
 
-Caustic trace_beams(const SurfaceMesh& mesh, const Lens& lens, const Lamp& lamp, const ReceiverPlane& receiver, const Box2& extent,
+Caustic trace_beams(const SurfaceMesh& mesh, const Lens& lens, const Light& light, const Receiver& receiver, const Box2& extent,
                     const BeamOptions& options, const Monitor& monitor) {
   const Vec2 size = extent.size();
   if (options.pixels < 1) throw InputError("caustic: pixels is " + std::to_string(options.pixels) + ", must be at least 1");
+  if (options.lamp_samples < 1) throw InputError("lamp_samples is " + std::to_string(options.lamp_samples) + ", must be at least 1");
   if (!(size.x() > 0 && size.y() > 0)) throw InputError("caustic: the picture's extent is empty");
   const double pixel = size.maxCoeff() / options.pixels;
   Caustic caustic;
@@ -154,128 +123,122 @@ Caustic trace_beams(const SurfaceMesh& mesh, const Lens& lens, const Lamp& lamp,
   caustic.flux = Grid<double>(std::max(1, static_cast<int>(std::lround(size.x() / pixel))),
                               std::max(1, static_cast<int>(std::lround(size.y() / pixel))));
   const Vec2 pixels_per_mm(caustic.flux.width / size.x(), caustic.flux.height / size.y());
-  const Vec3 forward = receiver.right.cross(receiver.up);
-  const Indices in{1, lens.refractive_index};
-  const Indices out{lens.refractive_index, 1};
-  const std::vector<LampPoint> points = lamp_points(lamp, options.lamp_samples);
+  const ReceiverFrame frame = receiver_frame(lens, receiver);
+  const double index = lens.refractive_index;
+  const Indices in{1, index};
+  const Indices out{index, 1};
+  const bool wide = options.angular_diameter_rad > 0;
+  const std::vector<Vec2> places = disk_points(wide ? options.lamp_samples : 1);
+  const double weight = 1 / static_cast<double>(places.size());
   const ReliefRays relief(mesh);
   std::vector<Corner> corners(mesh.vertices.size());
-  std::vector<double> share(mesh.triangles.size());
+  std::vector<std::array<double, 3>> shares(mesh.triangles.size());
 
   const double grid_bytes = 8.0 * static_cast<double>(caustic.flux.values.size());
   const auto most_blocks = static_cast<std::size_t>(std::clamp(256e6 / grid_bytes, 2.0, 16.0));
-  const std::size_t block = std::max<std::size_t>(1, (share.size() + most_blocks - 1) / most_blocks);
-  const std::size_t blocks = (share.size() + block - 1) / block;
+  const std::size_t block = std::max<std::size_t>(1, (shares.size() + most_blocks - 1) / most_blocks);
+  const std::size_t blocks = (shares.size() + block - 1) / block;
 
-  for (std::size_t point_number = 0; point_number < points.size(); ++point_number) {
-    monitor.report("tracing light", static_cast<double>(point_number) / static_cast<double>(points.size()));
-    const LampPoint& point = points[point_number];
-    Vec3 slanted = Vec3::UnitZ();
-    if (point.parallel) refract(point.direction, Vec3::UnitZ(), in, slanted);
+  std::vector<LightGrid> parts(blocks, LightGrid(caustic.flux.width, caustic.flux.height));
+  std::vector<Sums> sums(blocks);
+
+  for (std::size_t place_number = 0; place_number < places.size(); ++place_number) {
+    monitor.report("tracing light", static_cast<double>(place_number) * weight);
+    const Illumination illumination(part_of(light, std::tan(options.angular_diameter_rad / 2) * places[place_number]), lens);
 
     parallel_blocks(mesh.vertices.size(), 8192, [&](std::size_t begin, std::size_t end) {
       for (std::size_t v = begin; v < end; ++v) {
         const Vec3& p = mesh.vertices[v];
         Corner& corner = corners[v] = {};
-        // From the lamp through the flat back to the vertex.
-        Vec3 inside = slanted;
-        double cos_entry = point.direction.z();
-        if (point.parallel) {
-          corner.entry_mm = p.head<2>() - slanted.head<2>() * (p.z() / slanted.z());
-        } else {
-          corner.entry_mm = entry_point(point.position, p, lens.refractive_index);
-          const Vec3 entry(corner.entry_mm.x(), corner.entry_mm.y(), 0);
-          inside = (p - entry).normalized();
-          cos_entry = (entry - point.position).normalized().z();
+        const IncomingRay ray = illumination.at(p);
+        corner.flux = ray.irradiance / ray.direction.z() * ray.direction;
+        if (!(ray.irradiance > 0)) {
+          corner.fate = Fate::kUnlit;
+          continue;
         }
-        if (!enters_back(lens, corner.entry_mm)) {
-          corner.fate = Fate::kThroughRim;
+        if (!enters_back(lens, ray.entry_mm, p.head<2>())) {
+          corner.fate = Fate::kEntersByRim;
           continue;
         }
         // Out of the relief and on to the receiver.
         const Vec3& n = mesh.normals[v];
         Vec3 after;
-        if (!refract(inside, n, out, after)) {
+        if (!refract(ray.direction, n, out, after)) {
           corner.fate = Fate::kReflected;
           continue;
         }
-        if (options.shadows && (relief.meets(static_cast<int>(v), after) || relief.meets(static_cast<int>(v), -inside))) {
+        if (options.shadows && (relief.meets(static_cast<int>(v), after) || relief.meets(static_cast<int>(v), -ray.direction))) {
           corner.fate = Fate::kShadowed;
           continue;
         }
-        if (options.fresnel) corner.passes = fresnel_transmission(cos_entry, in) * fresnel_transmission(inside.dot(n), out);
-        const double towards = after.dot(forward);
-        const double way = (receiver.centre_mm - p).dot(forward) / towards;
-        if (!(towards > 0 && way > 0)) {
+        if (options.fresnel) {
+          const double cos_entry = std::sqrt(std::max(0.0, 1 - index * index * ray.direction.head<2>().squaredNorm()));
+          corner.passes = fresnel_transmission(cos_entry, in) * fresnel_transmission(ray.direction.dot(n), out);
+        }
+        Vec2 landed;
+        if (!frame.meet(p, after, landed)) {
           corner.fate = Fate::kNeverArrives;
           continue;
         }
-        const Vec3 place = p + way * after - receiver.centre_mm;
-        corner.landed = (Vec2(place.dot(receiver.right), place.dot(receiver.up)) - extent.min).cwiseProduct(pixels_per_mm);
+        corner.landed = (landed - extent.min).cwiseProduct(pixels_per_mm);
       }
     });
 
-    // A triangle's light is what falls on its shadow on the flat back.
+    // The light through a triangle's thirds.
     double all = 0;
-    for (std::size_t t = 0; t < share.size(); ++t) {
-      const Vec2& a = corners[mesh.triangles[t][0]].entry_mm;
-      const Vec2& b = corners[mesh.triangles[t][1]].entry_mm;
-      const Vec2& c = corners[mesh.triangles[t][2]].entry_mm;
-      if (point.parallel) {
-        share[t] = std::abs((b - a).x() * (c - a).y() - (b - a).y() * (c - a).x());
-      } else {
-        const auto seen = [&](const Vec2& e) { return Vec3(Vec3(e.x(), e.y(), 0) - point.position); };
-        share[t] = solid_angle(seen(a), seen(b), seen(c));
-      }
-      all += share[t];
+    for (std::size_t t = 0; t < shares.size(); ++t) {
+      const auto& triangle = mesh.triangles[t];
+      const Vec3& a = mesh.vertices[triangle[0]];
+      const Vec3 area = (mesh.vertices[triangle[1]] - a).cross(mesh.vertices[triangle[2]] - a);
+      for (int k = 0; k < 3; ++k) all += shares[t][k] = std::abs(corners[triangle[k]].flux.dot(area));
     }
-    if (!(all > 0)) throw InputError("caustic: the surface has no area");
-    const double scale = 1 / (all * static_cast<double>(points.size()));
+    if (!(all > 0)) throw InputError("caustic: no light meets the surface, or it has no area");
+    const double scale = weight / all;
 
-    std::vector<LightGrid> parts(blocks, LightGrid(caustic.flux.width, caustic.flux.height));
-    std::vector<Sums> sums(blocks);
-    parallel_blocks(share.size(), block, [&](std::size_t begin, std::size_t end) {
+    parallel_blocks(shares.size(), block, [&](std::size_t begin, std::size_t end) {
       LightGrid& grid = parts[begin / block];
       Sums& sum = sums[begin / block];
       for (std::size_t t = begin; t < end; ++t) {
-        const double third = share[t] * scale / 3;
         std::array<Vec2, 3> landed;
         int landing = 0;
-        double light = 0;
-        for (const int v : mesh.triangles[t]) {
-          const Corner& corner = corners[v];
+        double landing_light = 0;
+        for (int k = 0; k < 3; ++k) {
+          const Corner& corner = corners[mesh.triangles[t][k]];
+          const double third = shares[t][k] * scale;
           switch (corner.fate) {
+            case Fate::kUnlit: break;
             case Fate::kReflected: sum.reflected += third; break;
             case Fate::kShadowed: sum.shadowed += third; break;
-            case Fate::kThroughRim: sum.rim += third; break;
+            case Fate::kEntersByRim: sum.rim += third; break;
             case Fate::kNeverArrives: sum.never += third; break;
             case Fate::kLands:
               landed[landing++] = corner.landed;
-              light += third * corner.passes;
+              landing_light += third * corner.passes;
               sum.fresnel += third * (1 - corner.passes);
           }
         }
-        if (landing == 3) grid.add_triangle(landed[0], landed[1], landed[2], light);
-        if (landing == 2) grid.add_triangle(landed[0], landed[1], (landed[0] + landed[1]) / 2, light);
-        if (landing == 1) grid.add_point(landed[0], light);
+        if (landing == 3) grid.add_triangle(landed[0], landed[1], landed[2], landing_light);
+        if (landing == 2) grid.add_triangle(landed[0], landed[1], (landed[0] + landed[1]) / 2, landing_light);
+        if (landing == 1) grid.add_point(landed[0], landing_light);
       }
     });
-    for (std::size_t p = 0; p < blocks; ++p) {
-      for (std::size_t i = 0; i < caustic.flux.values.size(); ++i) caustic.flux.values[i] += parts[p].flux.values[i];
-      caustic.outside_extent += parts[p].outside + sums[p].never;
-      caustic.totally_reflected += sums[p].reflected;
-      caustic.fresnel_reflected += sums[p].fresnel;
-      caustic.shadowed += sums[p].shadowed;
-      caustic.through_rim += sums[p].rim;
-    }
     // Where light is lost, for whoever has to change the lens; over the whole lamp.
     for (std::size_t v = 0; v < corners.size(); ++v) {
       const Fate fate = corners[v].fate;
       const Vec2 place = mesh.vertices[v].head<2>();
       if (fate == Fate::kReflected) caustic.reflected_from.include(place);
       if (fate == Fate::kShadowed) caustic.shadowed_from.include(place);
-      if (fate == Fate::kThroughRim) caustic.rim_from.include(place);
+      if (fate == Fate::kEntersByRim) caustic.enters_rim_from.include(place);
     }
+    find_leaving_by_rim(mesh, lens, illumination, weight, caustic);
+  }
+  for (std::size_t p = 0; p < blocks; ++p) {
+    for (std::size_t i = 0; i < caustic.flux.values.size(); ++i) caustic.flux.values[i] += parts[p].flux.values[i];
+    caustic.outside_extent += parts[p].outside + sums[p].never;
+    caustic.totally_reflected += sums[p].reflected;
+    caustic.fresnel_reflected += sums[p].fresnel;
+    caustic.shadowed += sums[p].shadowed;
+    caustic.enters_by_rim += sums[p].rim;
   }
   monitor.report("tracing light", 1.0);
   return caustic;

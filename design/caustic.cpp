@@ -1,7 +1,11 @@
 #include "design/caustic.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <type_traits>
+#include <utility>
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
@@ -44,8 +48,10 @@ Screen make_screen(const Box2& extent, const Receiver& receiver, const CausticOp
   return screen;
 }
 
-/// Where the ray that leaves `position` through a surface with this normal lands, in pixels of the screen.
-/// False: totally reflected.
+enum class Fate : char { kLands, kReflected, kNeverArrives, kEntersByRim, kUnlit };
+
+/// Light along +Z onto an upright receiver: where the ray that leaves (x, y, z) through a surface with this normal lands, in
+/// pixels of the screen. False: totally reflected.
 struct Optics {
   double ratio = 1;  // index before over index after
   double receiver_z = 0;
@@ -58,6 +64,11 @@ struct Optics {
         origin(screen.origin),
         pixels_per_mm(screen.pixel_mm.cwiseInverse()) {}
 
+  Fate land(const Vec3& point, const Vec3& normal, Vec3& flux, Vec2& landed) const {
+    flux = Vec3::UnitZ();
+    return land(point.x(), point.y(), point.z(), normal.x(), normal.y(), normal.z(), landed) ? Fate::kLands : Fate::kReflected;
+  }
+
   /// refract() for light along +Z: the direction is (-a nx, -a ny, ratio - a nz) with a = ratio nz - cos(angle after).
   bool land(double x, double y, double z, double nx, double ny, double nz, Vec2& landed) const {
     const double cos_squared = 1 - ratio * ratio * (1 - nz * nz);
@@ -68,6 +79,37 @@ struct Optics {
               (y - way * along * ny - origin.y()) * pixels_per_mm.y()};
     return true;
   }
+};
+
+/// The same for any light and receiver.
+class LitOptics {
+ public:
+  LitOptics(const Lens& lens, const Light& light, const Receiver& receiver, const Screen& screen)
+      : lens_(lens),
+        illumination_(light, lens),
+        frame_(receiver_frame(lens, receiver)),
+        origin_(screen.origin),
+        pixels_per_mm_(screen.pixel_mm.cwiseInverse()) {}
+
+  /// `flux`: along the ray inside the lens, per mm^2 of a plane at right angles.
+  Fate land(const Vec3& point, const Vec3& normal, Vec3& flux, Vec2& landed) const {
+    const IncomingRay ray = illumination_.at(point);
+    flux = ray.irradiance / ray.direction.z() * ray.direction;
+    if (!(ray.irradiance > 0)) return Fate::kUnlit;
+    if (!enters_back(lens_, ray.entry_mm, point.head<2>())) return Fate::kEntersByRim;
+    Vec3 after;
+    if (!refract(ray.direction, normal, {lens_.refractive_index, 1}, after)) return Fate::kReflected;
+    if (!frame_.meet(point, after, landed)) return Fate::kNeverArrives;
+    landed = (landed - origin_).cwiseProduct(pixels_per_mm_);
+    return Fate::kLands;
+  }
+
+ private:
+  const Lens& lens_;
+  Illumination illumination_;
+  ReceiverFrame frame_;
+  Vec2 origin_;
+  Vec2 pixels_per_mm_;
 };
 
 /// Box kernel of a disk, row by row with prefix sums; each row's half-width is the chord's mean over the pixel row.
@@ -122,8 +164,7 @@ Grid<double> blurred(const Grid<double>& flux, const Vec2& radius_px, double& ou
 }
 
 /// Sums the blocks' grids in their order, blurs, and cuts the margin off.
-Caustic collect(std::vector<LightGrid>& parts, const std::vector<double>& reflected, const Screen& screen,
-                const Box2& extent) {
+Caustic collect(std::vector<LightGrid>& parts, const Screen& screen, const Box2& extent) {
   Caustic caustic;
   caustic.extent = extent;
   Grid<double> sum = std::move(parts.front().flux);
@@ -150,7 +191,6 @@ Caustic collect(std::vector<LightGrid>& parts, const std::vector<double>& reflec
     caustic.flux = std::move(sum);
   }
   caustic.outside_extent = outside;
-  for (double r : reflected) caustic.totally_reflected += r;
   return caustic;
 }
 
@@ -215,39 +255,58 @@ Caustic trace_mesh(const SurfaceMesh& mesh, const Lens& lens, const Receiver& re
     }
   });
   monitor.report("tracing light", 1.0);
-  return collect(parts, reflected, screen, extent);
+  Caustic caustic = collect(parts, screen, extent);
+  for (const double r : reflected) caustic.totally_reflected += r;
+  return caustic;
 }
 
-Caustic trace_heights(const Grid<float>& heights_mm, const Box2& lens_extent, const Lens& lens,
-                      const Receiver& receiver, const Box2& picture_extent, const CausticOptions& options,
-                      const Monitor& monitor) {
-  if (heights_mm.width < 2 || heights_mm.height < 2)
-    throw InputError("caustic: a height map needs at least 2 x 2 nodes");
-  const Screen screen = make_screen(picture_extent, receiver, options);
-  const Optics optics(lens, receiver, screen);
+namespace {
+
+/// Which squares of a row of the height map lie on the lens, by their centres.
+std::vector<char> squares_on_lens(const Lens& lens, double y, double first_x, double pitch, int count) {
+  std::vector<char> on(count, lens.shape == Lens::Shape::kRectangle);
+  if (lens.shape == Lens::Shape::kDisk) {
+    for (int i = 0; i < count; ++i) on[i] = Vec2(first_x + i * pitch, y).cwiseQuotient(lens.size_mm / 2).squaredNorm() <= 1;
+  }
+  if (lens.shape == Lens::Shape::kOutline) {
+    std::vector<double> crossings;
+    for (const auto& loop : lens.outline_mm) {
+      for (std::size_t k = 0; k < loop.size(); ++k) {
+        const Vec2& p = loop[k];
+        const Vec2& q = loop[(k + 1) % loop.size()];
+        if ((p.y() > y) != (q.y() > y)) crossings.push_back(p.x() + (y - p.y()) / (q.y() - p.y()) * (q.x() - p.x()));
+      }
+    }
+    std::sort(crossings.begin(), crossings.end());
+    std::size_t passed = 0;
+    for (int i = 0; i < count; ++i) {
+      while (passed < crossings.size() && crossings[passed] <= first_x + i * pitch) ++passed;
+      on[i] = passed % 2 == 1;
+    }
+  }
+  return on;
+}
+
+/// What becomes of the light at a row of nodes.
+struct NodeRow {
+  explicit NodeRow(int width) : points(width), landed(width), flux(width), fate(width) {}
+  std::vector<Vec3> points;
+  std::vector<Vec2> landed;
+  std::vector<Vec3> flux;
+  std::vector<Fate> fate;
+};
+
+struct Lost {
+  double reflected = 0, never = 0, rim = 0;
+  double light = 0;  // all, whatever became of it
+};
+
+template <typename OpticsOfLight>
+Caustic spread_heights(const OpticsOfLight& optics, const Screen& screen, const Grid<float>& heights_mm, const Box2& lens_extent,
+                       const Lens& lens, const Box2& picture_extent, const Monitor& monitor) {
   const int width = heights_mm.width;
   const int height = heights_mm.height;
   const Vec2 pitch = lens_extent.size().cwiseQuotient(Vec2(width - 1, height - 1));
-
-  // The light that falls on each row of squares: all of them, or those whose centre lies on the disk and on material.
-  const auto carries_light = [&](int i, int j) {
-    if (lens.shape == Lens::Shape::kDisk) {
-      const Vec2 centre = lens_extent.min + pitch.cwiseProduct(Vec2(i + 0.5, j + 0.5));
-      if (centre.cwiseQuotient(lens.size_mm / 2).squaredNorm() > 1) return false;
-    }
-    return std::isfinite(heights_mm.at(i, j) + heights_mm.at(i + 1, j) + heights_mm.at(i, j + 1) +
-                         heights_mm.at(i + 1, j + 1));
-  };
-  std::vector<std::int64_t> lit(height - 1, 0);
-  parallel_blocks(height - 1, 64, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t j = begin; j < end; ++j) {
-      for (int i = 0; i + 1 < width; ++i) lit[j] += carries_light(i, static_cast<int>(j));
-    }
-  });
-  std::int64_t squares = 0;
-  for (std::int64_t row : lit) squares += row;
-  if (squares == 0) throw InputError("caustic: no square of the height map carries light");
-  const double amount = 1.0 / static_cast<double>(squares);
 
   // One row of nodes: where the rays land. Slopes by central differences, one-sided (second order) at the rim.
   const auto slope = [](double before, double here, double after, double step) {
@@ -259,7 +318,7 @@ Caustic trace_heights(const Grid<float>& heights_mm, const Box2& lens_extent, co
   const auto rim_slope = [](double here, double one, double two, double step) {
     return std::isfinite(two) ? (4 * one - 3 * here - two) / (2 * step) : (one - here) / step;
   };
-  const auto land_row = [&](int j, std::vector<Vec2>& landed, std::vector<char>& passes) {
+  const auto land_row = [&](int j, NodeRow& row) {
     const double y = lens_extent.min.y() + pitch.y() * j;
     for (int i = 0; i < width; ++i) {
       const double here = heights_mm.at(i, j);
@@ -279,7 +338,8 @@ Caustic trace_heights(const Grid<float>& heights_mm, const Box2& lens_extent, co
         gy = slope(heights_mm.at(i, j - 1), here, heights_mm.at(i, j + 1), pitch.y());
       }
       const double nz = 1 / std::sqrt(1 + gx * gx + gy * gy);
-      passes[i] = optics.land(lens_extent.min.x() + pitch.x() * i, y, here, -gx * nz, -gy * nz, nz, landed[i]);
+      row.points[i] = {lens_extent.min.x() + pitch.x() * i, y, here};
+      row.fate[i] = std::isfinite(here) ? optics.land(row.points[i], {-gx * nz, -gy * nz, nz}, row.flux[i], row.landed[i]) : Fate::kUnlit;
     }
   };
 
@@ -287,37 +347,55 @@ Caustic trace_heights(const Grid<float>& heights_mm, const Box2& lens_extent, co
   const std::size_t block = (rows + block_count(screen) - 1) / block_count(screen);
   const std::size_t blocks = (rows + block - 1) / block;
   std::vector<LightGrid> parts(blocks, LightGrid(screen.full_width(), screen.full_height()));
-  std::vector<double> reflected(blocks, 0.0);
+  std::vector<Lost> losses(blocks);
   monitor.report("tracing light", 0.0);
   parallel_blocks(rows, block, [&](std::size_t begin, std::size_t end) {
     LightGrid& grid = parts[begin / block];
-    double& lost = reflected[begin / block];
-    std::vector<Vec2> low(width), high(width);
-    std::vector<char> low_passes(width), high_passes(width);
-    land_row(static_cast<int>(begin), low, low_passes);
+    Lost& lost = losses[begin / block];
+    NodeRow low(width), high(width);
+    land_row(static_cast<int>(begin), low);
     for (std::size_t j = begin; j < end; ++j) {
-      land_row(static_cast<int>(j + 1), high, high_passes);
+      land_row(static_cast<int>(j + 1), high);
+      const std::vector<char> on_lens =
+          squares_on_lens(lens, lens_extent.min.y() + pitch.y() * (static_cast<double>(j) + 0.5), lens_extent.min.x() + pitch.x() / 2, pitch.x(), width - 1);
       double outside_before = grid.outside;  // summed row by row: 25 million equal terms in one sum would lose digits
       grid.outside = 0;
-      double lost_in_row = 0;
+      Lost in_row;
       for (int i = 0; i + 1 < width; ++i) {
-        if (!carries_light(i, static_cast<int>(j))) continue;
-        const int passing = low_passes[i] + low_passes[i + 1] + high_passes[i] + high_passes[i + 1];
+        // No light beside the lens or where there is no material.
+        if (!on_lens[i] || !std::isfinite(low.points[i].z() + low.points[i + 1].z() + high.points[i].z() + high.points[i + 1].z())) continue;
+        const std::array<std::pair<const NodeRow*, int>, 4> nodes{{{&low, i}, {&low, i + 1}, {&high, i}, {&high, i + 1}}};
+        const Vec3 area = (high.points[i + 1] - low.points[i]).cross(high.points[i] - low.points[i + 1]) / 2;
+        std::array<double, 4> quarter{};
+        double amount = 0;
+        int passing = 0;
+        for (int k = 0; k < 4; ++k) {
+          const auto& [row, column] = nodes[k];
+          quarter[k] = std::is_same_v<OpticsOfLight, Optics> ? pitch.prod() / 4 : std::abs(row->flux[column].dot(area)) / 4;
+          amount += quarter[k];
+          passing += row->fate[column] == Fate::kLands;
+        }
+        in_row.light += amount;
         if (passing < 4) {
-          lost_in_row += amount * (4 - passing) / 4;
-          if (low_passes[i]) grid.add_point(low[i], amount / 4);
-          if (low_passes[i + 1]) grid.add_point(low[i + 1], amount / 4);
-          if (high_passes[i]) grid.add_point(high[i], amount / 4);
-          if (high_passes[i + 1]) grid.add_point(high[i + 1], amount / 4);
+          for (int k = 0; k < 4; ++k) {
+            const auto& [row, column] = nodes[k];
+            switch (row->fate[column]) {
+              case Fate::kUnlit: break;
+              case Fate::kLands: grid.add_point(row->landed[column], quarter[k]); break;
+              case Fate::kReflected: in_row.reflected += quarter[k]; break;
+              case Fate::kNeverArrives: in_row.never += quarter[k]; break;
+              case Fate::kEntersByRim: in_row.rim += quarter[k]; break;
+            }
+          }
           continue;
         }
         // The image of the square is bilinear. It is cut into parts no larger than a pixel, and each part is spread
         // over the box with the part's own width and height: neighbours' boxes tile, and no light moves by more than a
         // pixel.
-        const Vec2& a = low[i];
-        const Vec2& b = low[i + 1];
-        const Vec2& c = high[i];
-        const Vec2& d = high[i + 1];
+        const Vec2& a = low.landed[i];
+        const Vec2& b = low.landed[i + 1];
+        const Vec2& c = high.landed[i];
+        const Vec2& d = high.landed[i + 1];
         const double along_u = std::max((b - a).cwiseAbs().maxCoeff(), (d - c).cwiseAbs().maxCoeff());
         const double along_v = std::max((c - a).cwiseAbs().maxCoeff(), (d - b).cwiseAbs().maxCoeff());
         constexpr double kMostParts = 16;  // a beam torn wider than so many pixels leaves gaps: it is scatter
@@ -346,13 +424,43 @@ Caustic trace_heights(const Grid<float>& heights_mm, const Box2& lens_extent, co
         }
       }
       grid.outside += outside_before;
-      lost += lost_in_row;
+      lost.reflected += in_row.reflected;
+      lost.never += in_row.never;
+      lost.rim += in_row.rim;
+      lost.light += in_row.light;
       std::swap(low, high);
-      std::swap(low_passes, high_passes);
     }
   });
   monitor.report("tracing light", 1.0);
-  return collect(parts, reflected, screen, picture_extent);
+
+  Lost all;
+  for (const Lost& lost : losses) {
+    all.reflected += lost.reflected;
+    all.never += lost.never;
+    all.rim += lost.rim;
+    all.light += lost.light;
+  }
+  if (!(all.light > 0)) throw InputError("caustic: no square of the height map carries light");
+  Caustic caustic = collect(parts, screen, picture_extent);
+  for (double& f : caustic.flux.values) f /= all.light;
+  caustic.outside_extent = (caustic.outside_extent + all.never) / all.light;
+  caustic.totally_reflected = all.reflected / all.light;
+  caustic.enters_by_rim = all.rim / all.light;
+  return caustic;
+}
+
+}  // namespace
+
+Caustic trace_heights(const Grid<float>& heights_mm, const Box2& lens_extent, const Lens& lens, const Light& light,
+                      const Receiver& receiver, const Box2& picture_extent, const CausticOptions& options,
+                      const Monitor& monitor) {
+  if (heights_mm.width < 2 || heights_mm.height < 2)
+    throw InputError("caustic: a height map needs at least 2 x 2 nodes");
+  const Screen screen = make_screen(picture_extent, receiver, options);
+  const bool plain = light.kind == Light::Kind::kParallel && light.direction.head<2>().isZero(0) && light.direction.z() > 0 &&
+                     light.profile.kind == Profile::Kind::kUniform && receiver.shift_mm.isZero(0) && receiver.tilt_rad.isZero(0);
+  if (plain) return spread_heights(Optics(lens, receiver, screen), screen, heights_mm, lens_extent, lens, picture_extent, monitor);
+  return spread_heights(LitOptics(lens, light, receiver, screen), screen, heights_mm, lens_extent, lens, picture_extent, monitor);
 }
 
 namespace {
@@ -444,7 +552,7 @@ CausticMeasures measure_caustic(const Caustic& caustic, const TargetLight& targe
     }
   }
   measures.flux_outside_support = std::max(
-      0.0, 1 - caustic.totally_reflected - caustic.fresnel_reflected - caustic.shadowed - caustic.through_rim - within);
+      0.0, 1 - caustic.totally_reflected - caustic.fresnel_reflected - caustic.shadowed - caustic.enters_by_rim - within);
   measures.flux_totally_reflected = caustic.totally_reflected;
   return measures;
 }

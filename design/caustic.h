@@ -3,6 +3,7 @@
 
 #include "design/core/grid.h"
 #include "design/core/monitor.h"
+#include "design/light.h"
 #include "design/mesh.h"
 #include "design/optics.h"
 #include "design/target.h"
@@ -10,17 +11,19 @@
 namespace lightmill {
 
 /// What arrives: flux per pixel of a grid over `extent` on the receiver (row 0 at the smallest y). All light through the
-/// lens is 1 = landed on the grid + outside_extent + totally_reflected.
+/// surface is 1 = landed on the grid + outside_extent + totally_reflected + what else is lost.
 struct Caustic {
   Box2 extent;
   Grid<double> flux;
   double outside_extent = 0;       ///< reaches the receiver's plane beside the grid, or never
   double totally_reflected = 0;
+  double enters_by_rim = 0;        ///< would have to enter through the lens's side
   // trace_beams() only:
   double fresnel_reflected = 0;    ///< partly reflected at entry and exit
   double shadowed = 0;             ///< meets the relief a second time
-  double through_rim = 0;          ///< would have to enter through the lens's side
-  Box2 reflected_from{}, shadowed_from{}, rim_from{};  ///< where on the lens (x, y) that light is lost; empty: nowhere
+  double leaves_by_rim = 0;        ///< share of the light on the back that meets the lens's side first; beside the sum
+  Box2 reflected_from{}, shadowed_from{}, enters_rim_from{};  ///< where on the lens (x, y) it is lost; empty: nowhere
+  Box2 leaves_rim_from{};          ///< where on the back
 };
 
 struct CausticOptions {
@@ -34,10 +37,12 @@ struct CausticOptions {
 Caustic trace_mesh(const SurfaceMesh& mesh, const Lens& lens, const Receiver& receiver, const Box2& extent,
                    const CausticOptions& options = {}, const Monitor& monitor = {});
 
-/// The same for heights on a regular grid (node (i, j) at extent.min + pitch * (i, j), row 0 at the smallest y): each grid
-/// square is a beam; normals by central differences. `picture_extent` is on the receiver.
-Caustic trace_heights(const Grid<float>& heights_mm, const Box2& lens_extent, const Lens& lens, const Receiver& receiver,
-                      const Box2& picture_extent, const CausticOptions& options = {}, const Monitor& monitor = {});
+/// Any light and receiver through heights on a regular grid (node (i, j) at extent.min + pitch * (i, j), row 0 at the
+/// smallest y): each grid square is a beam; normals by central differences. `picture_extent` is on the receiver. A wide
+/// light blurs by the disk that it makes on an upright wall.
+Caustic trace_heights(const Grid<float>& heights_mm, const Box2& lens_extent, const Lens& lens, const Light& light,
+                      const Receiver& receiver, const Box2& picture_extent, const CausticOptions& options = {},
+                      const Monitor& monitor = {});
 
 /// DESIGN.md, "Measures".
 struct CausticMeasures {

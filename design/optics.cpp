@@ -3,7 +3,22 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "design/detail/outline_mesh.h"
+
 namespace lightmill {
+
+bool inside_lens(const Lens& lens, const Vec2& place) {
+  constexpr double kRounding = 1 + 1e-9;
+  if (lens.shape == Lens::Shape::kOutline) return detail::inside_outline(lens.outline_mm, place);
+  if (lens.shape == Lens::Shape::kDisk) return place.norm() <= kRounding * lens.size_mm.x() / 2;
+  return Box2::centred(kRounding * lens.size_mm).contains(place);
+}
+
+bool enters_back(const Lens& lens, const Vec2& entry, const Vec2& place) {
+  constexpr double kStraight = 1e-9;  // mm, and as a share of the way: a vertex on the rim belongs to the lens
+  const Vec2 way = place - entry;
+  return way.norm() < kStraight || inside_lens(lens, entry) || inside_lens(lens, entry + kStraight * way);
+}
 
 Vec3 bending_normal(const Vec3& before, const Vec3& after, const Indices& indices) {
   const Vec3 normal = (indices.before * before - indices.after * after).normalized();

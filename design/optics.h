@@ -25,6 +25,11 @@ struct Lens {
   Base base;                       ///< the optical surface before it is designed
 };
 
+/// Whether a place lies on the lens as seen along Z, its rim included.
+bool inside_lens(const Lens& lens, const Vec2& place_mm);
+/// Whether light that meets `place_mm` and crossed z = 0 at `entry_mm` came in through the back; what comes straight up did.
+bool enters_back(const Lens& lens, const Vec2& entry_mm, const Vec2& place_mm);
+
 /// A plane receiver; its origin is at z = lens.thickness_mm + distance_mm, `shift_mm` beside the z axis.
 struct Receiver {
   double distance_mm = 300;

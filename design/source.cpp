@@ -36,13 +36,6 @@ detail::PlanarMesh lens_mesh(const Lens& lens, int resolution) {
   return mesh;
 }
 
-bool in_lens(const Lens& lens, const Vec2& place) {
-  constexpr double kRounding = 1 + 1e-9;
-  if (lens.shape == Lens::Shape::kOutline) return detail::inside_outline(lens.outline_mm, place);
-  if (lens.shape == Lens::Shape::kDisk) return place.norm() <= kRounding * lens.size_mm.x() / 2;
-  return Box2::centred(kRounding * lens.size_mm).contains(place);
-}
-
 /// What a vertex of the lens's mesh sends to the receiver.
 struct Beam {
   enum class Fate { kArrives, kReflected, kLost };
@@ -124,8 +117,7 @@ TracedSource trace_source(const Lens& lens, const Light& light, const Receiver& 
     Beam& beam = beams[v];
     // From the plane z = const to the surface above the same x-y area.
     beam.irradiance = ray.irradiance * std::max(0.0, facing / (base[v].normal.z() * ray.direction.z()));
-    beam.beside_back =
-        beam.irradiance > 0 && !in_lens(lens, ray.entry_mm) && !in_lens(lens, ray.entry_mm + 1e-9 * (p - ray.entry_mm));
+    beam.beside_back = beam.irradiance > 0 && !enters_back(lens, ray.entry_mm, p);
     Vec3 out;
     if (!refract(ray.direction, base[v].normal, {lens.refractive_index, 1}, out)) {
       beam.fate = Beam::Fate::kReflected;

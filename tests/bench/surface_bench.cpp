@@ -164,7 +164,7 @@ void heights(const Setting&) {
   const Box2 box = Box2::centred({100, 100});
   for (const auto* grid : {&smooth, &wavy}) {
     const double before = cpu_seconds();
-    const Caustic c = trace_heights(*grid, box, lens, receiver, box);
+    const Caustic c = trace_heights(*grid, box, lens, {}, receiver, box);
     double landed = 0;
     for (double f : c.flux.values) landed += f;
     std::printf("heights (%s): %.2f s CPU, light %.15f, outside %.6f\n", grid == &smooth ? "smooth" : "milled",

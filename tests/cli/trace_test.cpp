@@ -43,7 +43,7 @@ TEST(TraceCommand, SaysWhatItCannotTrace) {
   spill(folder / "box.obj", kBox);
   const CommandResult backwards = lightmill_command({"trace", (folder / "box.obj").string(), "--job", job, "--direction=0,0,-1"});
   EXPECT_EQ(backwards.code, 2);
-  EXPECT_THAT(backwards.err, HasSubstr("towards +Z"));
+  EXPECT_THAT(backwards.err, HasSubstr("along +Z"));
 }
 
 }  // namespace

@@ -223,7 +223,7 @@ TEST(TraceHeights, AgreesWithTheMeshOfTheSameSurface) {
   }
   const Box2 picture{{-12, -9}, {13, 8}};
   const Caustic a = trace_mesh(mesh, lens, {}, picture, {.pixels = 50});
-  const Caustic b = trace_heights(lens_heights(601, 401, box, 300), box, lens, {}, picture, {.pixels = 50});
+  const Caustic b = trace_heights(lens_heights(601, 401, box, 300), box, lens, {}, {}, picture, {.pixels = 50});
   double difference = 0;
   for (std::size_t i = 0; i < a.flux.values.size(); ++i) difference += std::abs(a.flux.values[i] - b.flux.values[i]);
   EXPECT_LT(difference, 0.003);
@@ -240,7 +240,7 @@ TEST(TraceHeights, LosesNoLightOnARoughSurfaceWithHoles) {
     h += static_cast<float>((state >> 16) / 65536.0 * 0.12);
   }
   heights.at(20, 20) = NAN;  // not milled, or beside the outline: no light passes
-  const Caustic c = trace_heights(heights, box, lens, {}, Box2::centred({60, 40}));
+  const Caustic c = trace_heights(heights, box, lens, {}, {}, Box2::centred({60, 40}));
   EXPECT_GT(c.outside_extent, 0.01);
   EXPECT_GT(c.totally_reflected, 0.0001);
   EXPECT_NEAR(total(c), 1, 1e-12);
@@ -252,7 +252,7 @@ TEST(TraceHeights, ADiskLensIsLitOnItsDisk) {
   lens.size_mm = {20, 20};
   const Box2 box = Box2::centred({24, 24});
   const Grid<float> flat(481, 481, 10.f);
-  const Caustic c = trace_heights(flat, box, lens, {}, box, {.pixels = 24});
+  const Caustic c = trace_heights(flat, box, lens, {}, {}, box, {.pixels = 24});
   EXPECT_NEAR(c.flux.at(12, 12), 1 / (kPi * 100), 1e-5);
   EXPECT_EQ(c.flux.at(0, 12), 0);
   EXPECT_NEAR(total(c), 1, 1e-12);
