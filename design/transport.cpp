@@ -35,7 +35,10 @@ constexpr double kEmpty = 1e-9;  // a cell with less than this share of its mass
 constexpr double kArmijo = 1e-4;
 constexpr int kMemory = 12;           // pairs that L-BFGS remembers
 constexpr double kNewtonFrom = 0.03;  // l1 error below which Newton takes over, once no cell is empty
+constexpr double kLeastStep = 0.03;   // of damped Newton; then the way of its step is searched
 constexpr double kJoin = 1e-10;
+constexpr int kSliding = 60;          // evaluations to find where cells change along a direction, and
+constexpr double kSlid = 0.1;         // the share of a cell's mass that has to move there
 constexpr double kNarrowing = 0.3;        // factor on the radius of strips and disks from stage to stage
 constexpr double kNarrowingError = 0.15;  // l1 error after the prediction that the descent repairs quickly
 constexpr double kLeastNarrowing = 0.95;  // smaller steps than this are left to the descent
@@ -130,7 +133,7 @@ class Level {
       for (;; factor = std::sqrt(factor)) {
         measure_.radius = std::max(radius, from * factor);
         next = evaluate(plus(corrected, measure_.radius - from, tangent));
-        if (next.l1_error < kNarrowingError || factor > kLeastNarrowing) break;
+        if ((next.empty == 0 && next.l1_error < kNarrowingError) || factor > kLeastNarrowing) break;
       }
       if (!(next.l1_error < kNarrowingError)) next = better(std::move(next), now.psi);
       const bool last = measure_.radius == radius;
@@ -269,8 +272,29 @@ class Level {
     return 1 - std::log(std::clamp(e.l1_error, goal, 2.0) / goal) / std::log(2 / goal);
   }
 
-  /// The dual's second derivative, -d mu(C_i) / d psi_j.
-  [[nodiscard]] Laplacian hessian(const Evaluation& e) const {
+  /// The dual's second derivative, -d mu(C_i) / d psi_j. Where no cell bridges two parts of the target, the sites fall into
+  /// parts too, which may rise and sink against each other without effect.
+  struct Curvature {
+    Laplacian laplacian;
+    std::vector<int> part;  // of each site: its smallest site
+    int parts;
+
+    /// The gradient less its mean on each part: what light moved within the parts can change.
+    [[nodiscard]] Potential within(const Potential& gradient) const { return plus(gradient, -1, means(gradient)); }
+    /// The mean of the values on each site's part.
+    [[nodiscard]] Potential means(const Potential& values) const {
+      Potential sum(values.size(), 0.0);
+      std::vector<int> count(values.size(), 0);
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        sum[part[i]] += values[i];
+        ++count[part[i]];
+      }
+      Potential result(values.size());
+      for (std::size_t i = 0; i < values.size(); ++i) result[i] = sum[part[i]] / count[part[i]];
+      return result;
+    }
+  };
+  [[nodiscard]] Curvature curvature(const Evaluation& e) const {
     std::vector<GraphEdge> edges;
     double total = 0;
     for (std::size_t k = 0; k < e.diagram.edges.size(); ++k) {
@@ -280,13 +304,15 @@ class Level {
       total += slope;
     }
     // A trace of the metric joins parts of the target that no cell bridges.
-    const std::vector<int> part = detail::connected_components(static_cast<int>(e.psi.size()), edges);
+    std::vector<int> part = detail::connected_components(static_cast<int>(e.psi.size()), edges);
+    int parts = 0;
+    for (std::size_t i = 0; i < part.size(); ++i) parts += part[i] == static_cast<int>(i);
     double metric_total = 0;
     for (const auto& edge : sampling_.edges) metric_total += edge.weight;
     for (const auto& edge : sampling_.edges) {
       if (part[edge.a] != part[edge.b]) edges.push_back({edge.a, edge.b, kJoin * total / metric_total * edge.weight});
     }
-    return {sampling_.sites, edges};
+    return {Laplacian(sampling_.sites, edges), std::move(part), parts};
   }
 
   struct Prediction {
@@ -294,8 +320,9 @@ class Level {
     Potential tangent;    // d psi / d radius
   };
   Prediction predict(const Evaluation& e) {
-    const Laplacian second = hessian(e);
-    return {plus(e.psi, -1, second.solve(e.gradient)), second.solve(radius_derivative(e))};
+    const Curvature second = curvature(e);
+    return {plus(e.psi, -1, second.laplacian.solve(second.within(e.gradient))),
+            second.laplacian.solve(second.within(radius_derivative(e)))};
   }
 
   /// d mu(C_i) / d radius at constant potential.
@@ -311,6 +338,39 @@ class Level {
     return derivative;
   }
 
+  /// Goes from `now` against `direction`, along which the dual falls at first, until half of the slope is gone or cells have
+  /// changed, none by more than `least` allows. Starts at `t` and finds even a short stretch where that is so by bisection:
+  /// where the target is thin, nothing changes for a long way and then everything does. False when there is none.
+  bool slide(Evaluation& now, const Potential& direction, double t, double least) {
+    const double first = dot(now.gradient, direction);
+    double near = 0;
+    double far = std::numeric_limits<double>::infinity();
+    for (int attempt = 0; attempt < kSliding && evaluations_ < budget_; ++attempt) {
+      Evaluation trial = evaluate(plus(now.psi, -t, direction));
+      double change = 0;
+      for (std::size_t i = 0; i < direction.size(); ++i)
+        change = std::max(change, std::abs(trial.cells.masses[i] - now.cells.masses[i]) / sampling_.masses[i]);
+      const double slope = dot(trial.gradient, direction);
+      const bool sound = trial.min_share >= least;
+      if (sound && (std::abs(slope) < first / 2 || (slope > 0 && change > kSlid))) {
+        now = std::move(trial);
+        return true;
+      }
+      (sound && slope > 0 ? near : far) = t;
+      t = std::isfinite(far) ? (near + far) / 2 : 4 * t;
+    }
+    return false;
+  }
+
+  /// Moves parts of the sites against each other until cells bridge them.
+  bool bridge(Evaluation& now, const Curvature& second, double least) {
+    // The direction that the joints alone give is constant on each part.
+    const Potential inner = second.within(now.gradient);
+    const Potential direction = second.means(second.laplacian.solve(plus(now.gradient, -1, inner)));
+    const auto [lowest, highest] = std::minmax_element(direction.begin(), direction.end());
+    return slide(now, direction, measure_.radius * std::sqrt(sampling_.spread.prod()) / (*highest - *lowest), least);
+  }
+
   /// Damped Newton [Kitagawa, Merigot, Thibert 2019, alg. 1]. False when the step becomes too small.
   template <typename Done>
   bool newton(Evaluation& now, const Done& done, const Monitor& monitor) {
@@ -319,18 +379,29 @@ class Level {
       monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
                      progress(now));
       Stopwatch watch;
-      const Potential step = hessian(now).solve(now.gradient);
+      const Curvature second = curvature(now);
+      const Potential inner = second.within(now.gradient);
+      const Potential step = second.laplacian.solve(inner);
       phases_.equations += watch.lap();
-      const double norm = std::sqrt(dot(now.gradient, now.gradient));
+      const double norm = std::sqrt(dot(inner, inner));
+      // What the parts have too much or too little of outweighs the rest.
+      if (second.parts > 1 && 2 * norm * norm < dot(now.gradient, now.gradient)) {
+        if (!bridge(now, second, least)) return false;
+        continue;
+      }
       double alpha = 1;
       for (;;) {
         Evaluation trial = evaluate(plus(now.psi, -alpha, step));
-        if (trial.min_share >= least && std::sqrt(dot(trial.gradient, trial.gradient)) <= (1 - alpha / 2) * norm) {
+        const Potential left = second.within(trial.gradient);
+        if (trial.min_share >= least && std::sqrt(dot(left, left)) <= (1 - alpha / 2) * norm) {
           now = std::move(trial);
           break;
         }
         alpha /= 2;
-        if (alpha < 1e-3 || evaluations_ >= budget_) return false;
+        if (evaluations_ >= budget_) return false;
+        if (alpha > kLeastStep) continue;
+        if (!slide(now, step, alpha, least)) return false;
+        break;
       }
     }
     return true;

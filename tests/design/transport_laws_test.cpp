@@ -111,7 +111,7 @@ TEST(TransportMasses, PointsShareOnlyTheSamplesBetweenThem) {
   std::uniform_real_distribution<double> some(0.1, 1);
   TargetLight target;
   target.extent = Box2::centred({100, 100});
-  for (int k = 0; k < 3; ++k) target.points.push_back({{at(random), at(random)}, some(random)});
+  for (int k = 0; k < 6; ++k) target.points.push_back({{at(random), at(random)}, some(random)});
   target.normalise();
   TransportOptions options = samples(400);
   const TransportMap map = solve_transport(SourceLight{}, target, options);
@@ -121,10 +121,10 @@ TEST(TransportMasses, PointsShareOnlyTheSamplesBetweenThem) {
     int whole = 0;
     for (const Vec2& c : map.target_centroids_mm) whole += (c - point.position_mm).norm() < 1e-9;
     EXPECT_LE(whole, 400 * point.flux * 1.0001 + 0.01);
-    EXPECT_GT(whole, 400 * point.flux - 3);
+    EXPECT_GT(whole, 400 * point.flux - 6);
     shared -= whole;
   }
-  EXPECT_LE(shared, 2);
+  EXPECT_LE(shared, 5);
 }
 
 TEST(TransportMasses, PiecesOfACurveGetTheirShareOfTheSamples) {

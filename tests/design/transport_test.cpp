@@ -146,8 +146,8 @@ TEST(Transport, PointsConvergeWhereNoCellBridgesThemOnTheWay) {
   TargetLight target;
   target.extent = Box2::centred({100, 100});
   target.points = {{{-20, 5}, 0.3}, {{25, -10}, 0.7}};
-  const TransportMap map = solve_transport(SourceLight{}, target, samples(16384));
-  expect_sound(map, samples(16384));
+  const TransportMap map = solve_transport(SourceLight{}, target, samples(4096));
+  expect_sound(map, samples(4096));
 }
 
 TEST(Transport, OnePointGetsEverything) {
