@@ -13,9 +13,9 @@
 
 namespace lightmill {
 
-enum class ReaderDialect { kLinuxCnc, kFanuc, kHeidenhain };
+enum class ReaderDialect { kLinuxCnc, kFanuc, kHeidenhain, kHeidenhainIso, kSiemens };
 
-/// "linuxcnc", "fanuc", "heidenhain" (conversational); throws InputError for any other name.
+/// "linuxcnc", "fanuc", "siemens", "heidenhain" (conversational), "heidenhain_iso"; throws InputError for any other name.
 ReaderDialect reader_dialect(std::string_view name);
 
 /// X, Y, Z, outer, inner; mm and rad.

@@ -293,6 +293,7 @@ class HeidenhainReader {
   /// F and M words from `i` on; what takes effect at the block's start does so.
   void modes(std::size_t i) {
     fmax_ = machine_coordinates_ = tcp_off_ = false;
+    block_seconds_ = 0;
     ends_.clear();
     bool tcp_on = false;
     for (; i < tokens_.size(); ++i) {
@@ -301,6 +302,11 @@ class HeidenhainReader {
       if (text == "R0") continue;
       if (text == "FMAX") {
         fmax_ = true;
+        continue;
+      }
+      if (text.starts_with("FT")) {
+        block_seconds_ = number(text.substr(2), token.column);
+        if (!(block_seconds_ >= 0.001 && block_seconds_ <= 999.999)) reject(token.column, "FT takes 0.001 to 999.999 s");
         continue;
       }
       if (text[0] == 'F') {
@@ -408,14 +414,17 @@ class HeidenhainReader {
     for (std::size_t k = 3; k < 5 && shortest_; ++k) {
       if (named[k] && rotary[k - 3]) to[k] = from[k] + std::remainder(to[k] - from[k], 2 * kPi);
     }
-    if (!fmax_ && axes && feed_ == 0) reject(tokens_[0].column, "feed not given");
+    const bool timed = block_seconds_ > 0;
+    if (!fmax_ && !timed && axes && feed_ == 0) reject(tokens_[0].column, "feed not given");
     if (kind == "L") {
+      const double seconds = fmax_ ? 0 : timed ? block_seconds_ : core_.seconds_at(to, feed_);
       if (machine_coordinates_ && axes)
-        core_.move_joints(to, fmax_, fmax_ ? 0 : core_.seconds_at(to, feed_));
+        core_.move_joints(to, fmax_, seconds);
       else if (axes)
-        core_.move(to, fmax_, fmax_ ? 0 : core_.seconds_at(to, feed_));
+        core_.move(to, fmax_, seconds);
       return finish();
     }
+    if (timed) reject(tokens_[0].column, "FT is understood on straight lines only");
     if (fmax_ || machine_coordinates_) reject(tokens_[0].column, "an arc takes neither FMAX nor M91");
     double cu = centre_[0], cv = centre_[1];
     const bool clockwise = sense < 0;
@@ -463,6 +472,7 @@ class HeidenhainReader {
   std::unordered_map<std::size_t, long> repeats_;
   std::vector<std::size_t> calls_;
   double unit_ = 1, feed_ = 0, rpm_ = 0;
+  double block_seconds_ = 0;  ///< FT: of this block alone
   int tool_ = 0, spindle_ = 5;
   bool shortest_ = false, fmax_ = false, machine_coordinates_ = false, tcp_off_ = false, has_centre_ = false;
   std::vector<int> ends_;

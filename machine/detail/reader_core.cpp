@@ -222,15 +222,26 @@ std::vector<std::string_view> split_lines(std::string_view text) {
 ReaderDialect reader_dialect(std::string_view name) {
   if (name == "linuxcnc") return ReaderDialect::kLinuxCnc;
   if (name == "fanuc") return ReaderDialect::kFanuc;
+  if (name == "siemens") return ReaderDialect::kSiemens;
   if (name == "heidenhain") return ReaderDialect::kHeidenhain;
-  throw InputError("dialect '" + std::string(name) + "' is not read: use linuxcnc, fanuc or heidenhain");
+  if (name == "heidenhain_iso") return ReaderDialect::kHeidenhainIso;
+  throw InputError("dialect '" + std::string(name) +
+                   "' is not read: use linuxcnc, fanuc, siemens, heidenhain or heidenhain_iso");
 }
 
 ReadResult read_program(std::string_view text, ReaderDialect dialect, const MachineModel& machine,
                         const ReaderSetup& setup, const std::function<void(const ProgramStep&)>& on_step) {
   detail::ReaderCore core(machine, setup, on_step);
-  if (dialect == ReaderDialect::kHeidenhain) return detail::read_heidenhain(text, core);
-  return detail::read_word_program(text, dialect == ReaderDialect::kFanuc, core);
+  switch (dialect) {
+    case ReaderDialect::kHeidenhain:
+      return detail::read_heidenhain(text, core);
+    case ReaderDialect::kHeidenhainIso:
+      return detail::read_heidenhain_iso(text, core);
+    case ReaderDialect::kSiemens:
+      return detail::read_siemens(text, core);
+    default:
+      return detail::read_word_program(text, dialect == ReaderDialect::kFanuc, core);
+  }
 }
 
 }  // namespace lightmill

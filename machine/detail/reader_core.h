@@ -97,6 +97,10 @@ void centre_by_radius(double u0, double v0, double u1, double v1, double r, bool
 ReadResult read_word_program(std::string_view text, bool fanuc, ReaderCore& core);
 /// Heidenhain conversational.
 ReadResult read_heidenhain(std::string_view text, ReaderCore& core);
+/// Heidenhain DIN/ISO.
+ReadResult read_heidenhain_iso(std::string_view text, ReaderCore& core);
+/// Siemens 840D.
+ReadResult read_siemens(std::string_view text, ReaderCore& core);
 
 /// The text's lines without their ends.
 std::vector<std::string_view> split_lines(std::string_view text);

@@ -21,7 +21,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   setup.offsets[0] = {10, -5, -400, 0, 0};
   setup.tool_length_mm = {{1, 80}};
   setup.most_blocks = 300;
-  const auto dialect = static_cast<ReaderDialect>(data[0] % 3);
+  const auto dialect = static_cast<ReaderDialect>(data[0] % 5);
   read_program({reinterpret_cast<const char*>(data) + 1, size - 1}, dialect, machine, setup,
                [](const ProgramStep& step) {
                  for (const double q : step.target) {
