@@ -218,10 +218,7 @@ int stream(const Common& common, const std::string& what, std::string port, int 
     const Job job = job_of(folder);
     if (port.empty()) port = job.stream.port;
     if (baud == 0) baud = job.stream.baud;
-    for (const auto& entry : fs::directory_iterator(folder.file("program"), error)) {
-      if ((entry.path().extension() == ".nc" || entry.path().extension() == ".ngc") && entry.path().filename().string()[0] != '.') programs.push_back(entry.path());
-    }
-    std::sort(programs.begin(), programs.end());
+    programs = folder.programs();
     if (programs.empty()) throw InputError("no program in " + folder.file("program").string() + "; make them with: lightmill post " + what);
     if (const int code = allowed_to_mill(folder); code != kExitDone) return code;
   } else {

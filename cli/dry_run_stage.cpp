@@ -23,17 +23,12 @@ namespace {
 
 /// The programs in the order of their names, and a fault for each that is not what the post wrote.
 std::vector<fs::path> programs_of(const RunFolder& folder, std::vector<Fault>& faults) {
-  std::vector<fs::path> programs;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(folder.file("program"), error)) {
-    const std::string name = entry.path().filename().string();
-    if (!name.starts_with(".") && (entry.path().extension() == ".nc" || entry.path().extension() == ".ngc")) programs.push_back(entry.path());
-  }
+  const std::vector<fs::path> programs = folder.programs();
   if (programs.empty()) throw InputError("no program in " + folder.file("program").string() + "; make them with: lightmill post " + folder.root().string());
-  std::sort(programs.begin(), programs.end());
 
   const json record = folder.record(Stage::kPost);
   if (record.is_null()) return programs;
+  std::error_code error;
   for (const auto& [name, what] : record["files"].items()) {
     const fs::path path = folder.file(name);
     const bool there = fs::exists(path, error);

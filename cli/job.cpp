@@ -244,18 +244,13 @@ void read_controller(TomlTable table, Job& job) {
   for (const DialectFacts& dialect : all) known.push_back(dialect.name);
   std::error_code error;
   const std::string own = fs::exists(job.machine.file, error) ? read_machine(job.machine.file).controller : "grblhal";
-  for (const char* foreseen : {"heidenhain", "heidenhain_iso", "siemens"}) {
-    if ((table.is_text("dialect") ? table.text("dialect", own) : own) == foreseen) {
-      throw InputError(table.complaint("dialect", "not supported yet: use \"grblhal\", \"linuxcnc\" or \"fanuc\""));
-    }
-  }
   job.controller.dialect = table.choice("dialect", own, known);
   int most_decimals = 6;
   for (const DialectFacts& dialect : all) {
     if (dialect.name == job.controller.dialect) most_decimals = std::min(most_decimals, dialect.most_decimals);
   }
   job.controller.decimals = std::min(job.controller.decimals, most_decimals);
-  only_choice(table, "tcp", {"off", "on"});
+  job.controller.tcp = table.choice("tcp", "off", {"off", "on"}) == "on";
   job.controller.decimals = table.integer_in("decimals", job.controller.decimals, 4, most_decimals);
   job.controller.block_numbers = table.boolean("block_numbers", job.controller.block_numbers);
   job.controller.tip_tolerance_um = table.number_in("tip_tolerance_um", job.controller.tip_tolerance_um, 0.001, 1000);
@@ -499,7 +494,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                             .put("work_offset", job.machine.work_offset);
   sections["controller"] = Section()
                                .put("dialect", job.controller.dialect)
-                               .put("tcp", "off")
+                               .put("tcp", job.controller.tcp ? "on" : "off")
                                .put("decimals", job.controller.decimals)
                                .put("block_numbers", job.controller.block_numbers)
                                .put("tip_tolerance_um", job.controller.tip_tolerance_um);

@@ -62,6 +62,7 @@ struct MachineSpec {
 
 struct ControllerSpec {
   std::string dialect = "grblhal";
+  bool tcp = false;                     ///< by the control's tool-centre-point control
   int decimals = 5;
   bool block_numbers = false;
   double tip_tolerance_um = 0.2;

@@ -16,6 +16,7 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
   motion_options.tip_tolerance_mm = job.controller.tip_tolerance_um / 1000;
   ProgramOptions options;
   options.decimals = job.controller.decimals;
+  options.tcp = job.controller.tcp;
   options.block_numbers = job.controller.block_numbers;
   options.job_name = job.name;
   options.job_hash = making_digest(job).substr(0, 16);
@@ -39,6 +40,7 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
                               {"worst_slowing_at_mm",
                                {motion.worst_slowing_at_mm.x(), motion.worst_slowing_at_mm.y(), motion.worst_slowing_at_mm.z()}},
                               {"dialect", machine.controller},
+                              {"tcp", uses_tcp(machine, motion, options)},
                               {"file", "program/" + program.file_name},
                               {"sha256", sha256_of_text(program.text)}};
   }

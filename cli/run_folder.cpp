@@ -4,6 +4,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <nlohmann/json.hpp>
@@ -11,6 +12,7 @@
 #include "cli/digest.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
+#include "postproc/program.h"
 
 namespace lightmill {
 
@@ -82,6 +84,19 @@ json RunFolder::record(Stage stage) const {
   json record = json::parse(read_whole(record_path(stage)), nullptr, false);
   if (!record.is_object() || !record.contains("digest") || !record.contains("files") || !record.contains("report")) return nullptr;
   return record;
+}
+
+std::vector<fs::path> RunFolder::programs() const {
+  const std::vector<DialectFacts> known = dialects();
+  std::vector<fs::path> programs;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(file("program"), error)) {
+    const fs::path& path = entry.path();
+    const auto is_its = [&](const DialectFacts& dialect) { return path.extension() == dialect.extension; };
+    if (!path.filename().string().starts_with(".") && std::any_of(known.begin(), known.end(), is_its)) programs.push_back(path);
+  }
+  std::sort(programs.begin(), programs.end());
+  return programs;
 }
 
 bool RunFolder::is_done(Stage stage, const std::string& digest) const {

@@ -33,6 +33,9 @@ class RunFolder {
   /// The same; throws InputError that names the command which makes it when it is not there.
   [[nodiscard]] std::filesystem::path needed(std::string_view relative, std::string_view made_by) const;
 
+  /// The programs that are there, whatever their dialect, in the order of their names.
+  [[nodiscard]] std::vector<std::filesystem::path> programs() const;
+
   [[nodiscard]] bool is_done(Stage stage, const std::string& digest) const;
   /// The record of a finished stage, or null.
   [[nodiscard]] nlohmann::json record(Stage stage) const;

@@ -115,8 +115,9 @@ int list_machines() {
 
 int list_dialects() {
   for (const DialectFacts& dialect : dialects()) {
-    std::printf("%-9s %s; kinematics in the post, G93 where a rotary axis moves in a cut; at most %d decimals; *%s\n", dialect.name.c_str(),
-                dialect.title.c_str(), dialect.most_decimals, dialect.extension.c_str());
+    std::printf("%-14s %s; %s; at most %d decimals; *%s\n", dialect.name.c_str(), dialect.title.c_str(),
+                dialect.tcp ? "kinematics in the post or tool-centre-point control" : "kinematics in the post", dialect.most_decimals,
+                dialect.extension.c_str());
   }
   return kExitDone;
 }

@@ -91,7 +91,7 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
     case Stage::kDryRun:
       target();
       light_files();
-      for (const char* name : {"10_rough", "20_semi_finish", "30_finish"}) inputs.file(folder.file("program/" + std::string(name) + (job.controller.dialect == "linuxcnc" ? ".ngc" : ".nc")));
+      for (const auto& program : folder.programs()) inputs.text(program.filename().string()).file(program);
       inputs.file(folder.file("cam/spline.bin")).file(overrides.machine_file.value_or(job.machine.file));
       if (overrides.cutter_files.empty()) {
         inputs.file(job.rough.cutter_file).file(job.semi_finish.cutter_file).file(job.finish.cutter_file);

@@ -10,16 +10,23 @@
 #include "design/core/errors.h"
 #include "design/core/text.h"
 #include "postproc/detail/dialect.h"
+#include "postproc/detail/trunnion.h"
 #include "postproc/program_check.h"
 
 namespace lightmill {
 namespace {
+
+using detail::Blocks;
+using detail::Dialect;
+using detail::Language;
 
 constexpr std::size_t kLongestLine = 80;
 constexpr int kFeedDigits = 5;  // significant, so that rounding down costs at most 1e-4 of the feed
 // A feed that is a round number up to rounding of the last bits must not lose a digit by rounding down.
 constexpr double kFeedSlack = 1e-9;
 constexpr double kLeastFeed = 1e-4;
+constexpr double kMostTime_s = 999.999;  // of an FT word
+constexpr double kDegPerRad = 180 / kPi;
 
 // Text for comments: printable ASCII without what ends a comment or what a grbl controller takes as a real-time
 // command.
@@ -34,11 +41,17 @@ std::string plain(const std::string& text) {
   return result;
 }
 
+std::string upper(std::string text) {
+  for (char& c : text) c = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+  return text;
+}
+
 double rapid_seconds(const MachineModel& m, const JointPosition& a, const JointPosition& b) {
-  return std::max({std::abs(b.x_mm - a.x_mm) / m.x.max_speed_mm_per_s,
-                   std::abs(b.y_mm - a.y_mm) / m.y.max_speed_mm_per_s,
-                   std::abs(b.z_mm - a.z_mm) / m.z.max_speed_mm_per_s,
-                   std::abs(b.outer_rad - a.outer_rad) / m.outer.max_speed_rad_per_s,
+  double seconds =
+      std::max({std::abs(b.x_mm - a.x_mm) / m.x.max_speed_mm_per_s, std::abs(b.y_mm - a.y_mm) / m.y.max_speed_mm_per_s,
+                std::abs(b.z_mm - a.z_mm) / m.z.max_speed_mm_per_s});
+  if (!m.has_rotary()) return seconds;
+  return std::max({seconds, std::abs(b.outer_rad - a.outer_rad) / m.outer.max_speed_rad_per_s,
                    std::abs(b.inner_rad - a.inner_rad) / m.inner.max_speed_rad_per_s});
 }
 
@@ -52,36 +65,82 @@ double total_seconds(const MachineModel& machine, const AxisMotion& motion) {
   return seconds;
 }
 
-// `value` rounded down to kFeedDigits significant digits.
-std::string feed_text(double value) {
-  if (!(value >= kLeastFeed && std::isfinite(value))) {
-    throw NumericalError("a feed word of " + std::to_string(value) + " cannot be written");
+bool turns_in_cut(const AxisMotion& motion) {
+  return std::any_of(motion.moves.begin(), motion.moves.end(),
+                     [](const AxisMove& move) { return move.rotary_moves && move.kind != MoveKind::kRapid; });
+}
+
+bool is_ball(const Cutter& cutter) {
+  return std::abs(cutter.corner_radius_mm - cutter.diameter_mm / 2) < 1e-9;
+}
+
+std::string program_stem(const std::string& pass) {
+  const std::array<std::pair<std::string_view, std::string_view>, 3> known{
+      {{"rough", "10"}, {"semi_finish", "20"}, {"finish", "30"}}};
+  for (const auto& [name, number] : known) {
+    if (pass == name) return std::string(number) + "_" + pass;
   }
-  const int exponent = static_cast<int>(std::floor(std::log10(value)));
-  const int decimals = kFeedDigits - 1 - exponent;
-  const double scale = std::pow(10.0, decimals);
-  return compact(std::floor(value * scale * (1 + kFeedSlack)) / scale, std::max(decimals, 0));
+  std::string safe;
+  for (const unsigned char c : pass) safe += c < 0x80 && std::isalnum(c) != 0 ? static_cast<char>(c) : '_';
+  return "40_" + safe;
+}
+
+// The program's name at the control.
+std::string control_name(const Dialect& dialect, const std::string& stem) {
+  return std::string(dialect.name_prefix) + (dialect.upper_case && !dialect.program_number ? upper(stem) : stem);
 }
 
 class ProgramWriter {
  public:
-  ProgramWriter(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
+  ProgramWriter(const MachineModel& machine, const WorkSetup& setup, std::span<const AxisMotion> passes,
                 const ProgramOptions& options)
-      : machine_(machine), setup_(setup), motion_(motion), options_(options), dialect_(detail::dialect_of(machine.controller)), unit_(std::pow(10.0, options.decimals)) {}
+      : machine_(machine),
+        setup_(setup),
+        passes_(passes),
+        options_(options),
+        dialect_(detail::dialect_of(machine.controller)),
+        unit_(std::pow(10.0, options.decimals)),
+        letters_{'X', 'Y', 'Z', machine.outer.letter, machine.inner.letter} {
+    std::size_t moves = 0;
+    for (const AxisMotion& pass : passes) moves += pass.moves.size();
+    text_.reserve(4096 + moves * 40);
+    stem_ = passes.size() == 1 ? program_stem(passes.front().pass) : "00_whole";
+    sheet_.name = control_name(dialect_, stem_);
+    sheet_.number = {options.decimals, dialect_.decimal_point, dialect_.plus_sign};
+    sheet_.work_offset = setup.work_offset;
+    sheet_.has_tcp = machine.has_tcp;
+    sheet_.endless_inner = machine.has_rotary() && std::isinf(machine.inner.max_rad);
+    sheet_.smoothing_mm = options.smoothing_mm;
+    sheet_.smoothing_deg = options.smoothing_deg;
+  }
 
   Program write() {
-    text_.reserve(4096 + motion_.moves.size() * 36);
     header();
-    for (const AxisMove& move : motion_.moves) {
-      if (move.kind == MoveKind::kRapid) {
-        rapid(move);
-      } else {
-        feed(move);
+    for (const AxisMotion& pass : passes_) {
+      begin_pass(pass);
+      for (const AxisMove& move : pass.moves) {
+        if (move.kind == MoveKind::kRapid) {
+          rapid(move);
+        } else {
+          feed(move);
+        }
+        from_ = move.joints;
       }
-      from_ = move.joints;
+      end_pass();
     }
-    footer();
-    return {file_name(), std::move(text_), blocks_};
+    mode_ = -1;  // said again, for whoever looks at the end only
+    Position home = at_;
+    home[kOuter] = home[kInner] = 0;
+    rapid_block(home, kOuter, kInner);
+    if (machine_.park_mm) {
+      block(dialect_.machine_move("X" + sheet_.number(machine_.park_mm->x()) + " Y" +
+                                  sheet_.number(machine_.park_mm->y())));
+    }
+    all(dialect_.length_off(sheet_));
+    all(dialect_.closing(sheet_));
+    text_ += dialect_.last_lines(sheet_);
+    if (dialect_.percent) text_ += "%\n";
+    return {control_name(dialect_, stem_) + std::string(dialect_.extension), std::move(text_), blocks_};
   }
 
  private:
@@ -89,55 +148,95 @@ class ProgramWriter {
   enum Word { kX, kY, kZ, kOuter, kInner, kWords };
   using Position = std::array<long long, kWords>;
   static constexpr long long kUnknown = std::numeric_limits<long long>::min();
+  static constexpr long long kTop = std::numeric_limits<long long>::max() - 1;  // a Z that no word can have
 
-  [[nodiscard]] Position words(const JointPosition& joints) const {
+  // The point that the program's X, Y, Z guide, in the frame they are given in.
+  [[nodiscard]] Vec3 point(const JointPosition& joints) const {
+    const double length = sheet_.length_mm + sheet_.delta_mm;
+    if (tcp_on_) return detail::tip_at(machine_, setup_, length, joints);
+    return Vec3(joints.x_mm, joints.y_mm, joints.z_mm - length) - setup_.origin_mm;
+  }
+
+  [[nodiscard]] Position words(const JointPosition& joints, const Vec3& at) const {
     const auto units = [this](double value) { return std::llround(value * unit_); };
-    constexpr double deg = 180 / kPi;
-    return {units(joints.x_mm - setup_.origin_mm.x()), units(joints.y_mm - setup_.origin_mm.y()),
-            units(joints.z_mm - motion_.cutter.length_mm - setup_.origin_mm.z()), units(joints.outer_rad * deg),
-            units(joints.inner_rad * deg)};
+    return {units(at.x()), units(at.y()), units(at.z()), units(joints.outer_rad * kDegPerRad),
+            units(joints.inner_rad * kDegPerRad)};
   }
 
   // Text --------------------------------------------------------------------------------------------------------------
 
-  void comment(const std::string& sentence) {
-    std::string clean = plain(sentence);
-    if (dialect_.upper_case) {
-      for (char& c : clean) c = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+  void begin_block() {
+    switch (dialect_.language) {
+      case Language::kConversational:
+        integer(number_++);
+        text_ += ' ';
+        break;
+      case Language::kHeidenhainIso:
+        text_ += 'N';
+        integer(++number_);
+        text_ += ' ';
+        break;
+      default:
+        if (options_.block_numbers) {
+          text_ += 'N';
+          integer(++number_);
+          text_ += ' ';
+        }
     }
-    constexpr std::size_t room = kLongestLine - 2;
+    fresh_ = true;
+  }
+
+  void end_block() {
+    if (dialect_.language == Language::kHeidenhainIso) text_ += " *";
+    text_ += dialect_.line_end;
+    ++blocks_;
+  }
+
+  void block(const std::string& words) {
+    begin_block();
+    text_ += words;
+    end_block();
+  }
+
+  void all(const Blocks& blocks) {
+    for (const std::string& words : blocks) block(words);
+  }
+
+  void comment(const std::string& sentence) {
+    const bool numbered =
+        dialect_.language == Language::kConversational || dialect_.language == Language::kHeidenhainIso;
+    const std::string clean = dialect_.upper_case ? upper(plain(sentence)) : plain(sentence);
+    const std::size_t room = kLongestLine - 2 - (numbered ? 6 : 0);
     for (std::size_t begin = 0; begin < clean.size();) {
       std::size_t end = std::min(clean.size(), begin + room);
       if (end < clean.size()) {
         const std::size_t space = clean.rfind(' ', end);
         if (space != std::string::npos && space > begin) end = space;
       }
-      text_ += "(" + clean.substr(begin, end - begin) + ")\n";
+      if (numbered) begin_block();
+      text_ += dialect_.comment(clean.substr(begin, end - begin));
+      text_ += dialect_.line_end;
       begin = end < clean.size() && clean[end] == ' ' ? end + 1 : end;
     }
   }
 
-  // A number of the header or footer.
-  [[nodiscard]] std::string written(double value) const {
-    std::string result = compact(value, options_.decimals);
-    if (dialect_.decimal_point && result.find('.') == std::string::npos) result += '.';
-    return result;
+  void integer(unsigned long long value) {
+    char digits[24];
+    text_.append(digits, std::to_chars(digits, digits + sizeof digits, value).ptr);
   }
 
-  void begin_block() {
-    ++blocks_;
-    if (options_.block_numbers) text_ += "N" + std::to_string(blocks_) + " ";
-  }
-
-  void block(const std::string& words) {
-    begin_block();
-    text_ += words;
-    text_ += '\n';
+  void space() {
+    if (!fresh_) text_ += ' ';
+    fresh_ = false;
   }
 
   void number(long long units) {
     char digits[32];
-    if (units < 0) text_ += '-';
+    if (units < 0) {
+      text_ += '-';
+    } else if (dialect_.plus_sign) {
+      text_ += '+';
+    }
     const unsigned long long magnitude = units < 0 ? 0ULL - static_cast<unsigned long long>(units) : units;
     const auto end = std::to_chars(digits, digits + sizeof digits, magnitude).ptr;
     const int count = static_cast<int>(end - digits);
@@ -158,15 +257,24 @@ class ProgramWriter {
     }
   }
 
-  // Appends the words that differ from where the controller stands; `first` .. `last` only.
+  void axis_word(int w, long long units) {
+    space();
+    text_ += letters_[w];
+    if (w == kInner && dialect_.modulo_rotary && sheet_.endless_inner) {
+      const long long turn = std::llround(360 * unit_);
+      text_ += "=DC(";
+      number(((units % turn) + turn) % turn);
+      text_ += ')';
+    } else {
+      number(units);
+    }
+    at_[w] = units;
+  }
+
+  // The words that differ from where the controller stands; `first` .. `last` only.
   void axis_words(const Position& to, int first, int last) {
-    const std::array<char, kWords> letters{'X', 'Y', 'Z', machine_.outer.letter, machine_.inner.letter};
     for (int w = first; w <= last; ++w) {
-      if (to[w] == at_[w]) continue;
-      if (text_.back() != '\n' && text_.back() != ' ') text_ += ' ';
-      text_ += letters[w];
-      number(to[w]);
-      at_[w] = to[w];
+      if (to[w] != at_[w]) axis_word(w, to[w]);
     }
   }
 
@@ -174,196 +282,288 @@ class ProgramWriter {
     return std::equal(to.begin() + first, to.begin() + last + 1, at_.begin() + first);
   }
 
+  // G0, G1 where they change; a TNC says L in every block.
   void mode(int g) {
+    if (dialect_.language == Language::kConversational) {
+      space();
+      text_ += 'L';
+      return;
+    }
     if (mode_ == g) return;
-    text_ += g == 0 ? "G0" : "G1";
+    space();
+    text_ += dialect_.language == Language::kHeidenhainIso ? (g == 0 ? "G00" : "G01") : (g == 0 ? "G0" : "G1");
     mode_ = g;
+  }
+
+  // `value` rounded down to kFeedDigits significant digits and the control's decimals.
+  [[nodiscard]] std::string feed_text(double value) const {
+    if (!(value >= kLeastFeed && std::isfinite(value))) {
+      throw NumericalError("a feed word of " + std::to_string(value) + " cannot be written");
+    }
+    const int exponent = static_cast<int>(std::floor(std::log10(value)));
+    const int decimals = std::min(kFeedDigits - 1 - exponent, dialect_.feed_decimals);
+    const double scale = std::pow(10.0, decimals);
+    const double rounded = std::floor(value * scale * (1 + kFeedSlack)) / scale;
+    if (!(rounded > 0)) throw NumericalError("a feed word of " + std::to_string(value) + " rounds to nothing");
+    std::string text = compact(rounded, std::max(decimals, 0));
+    if (dialect_.decimal_point && text.find('.') == std::string::npos) text += '.';
+    return text;
   }
 
   // Parts -------------------------------------------------------------------------------------------------------------
 
   void header() {
-    const Cutter& cutter = motion_.cutter;
-    double stick_out = cutter.length_mm;
-    for (const HolderPiece& piece : cutter.holder) stick_out = std::min(stick_out, piece.from_mm);
-    const bool turning = turns();
-    const double minutes = (total_seconds(machine_, motion_) + dwell_s()) / 60;
+    if (dialect_.percent) text_ += "%\n";
+    if (dialect_.program_number) text_ += "O00" + stem_.substr(0, 2) + "\n";
+    measure_blank();
+    text_ += dialect_.first_lines(sheet_);
+    const Blocks opening = dialect_.opening(sheet_);
+    all(opening);
+
     const Vec3& zero = setup_.origin_mm;
     const std::string offset = "G" + std::to_string(setup_.work_offset);
-    if (dialect_.percent) text_ += "%\n";
-    if (dialect_.program_number) text_ += "O00" + file_name().substr(0, 2) + "\n";
-    const std::string letters = !machine_.has_rotary() ? "no rotary axis" : std::string(1, machine_.outer.letter) + "0 " + machine_.inner.letter + "0";
-
-    comment("LIGHTMILL " LIGHTMILL_VERSION " " + file_name());
+    const std::string letters = !machine_.has_rotary()
+                                    ? "no rotary axis"
+                                    : std::string(1, machine_.outer.letter) + "0 " + machine_.inner.letter + "0";
+    double minutes = 0;
+    for (const AxisMotion& pass : passes_) minutes += (total_seconds(machine_, pass) + dwell_s()) / 60;
+    comment("LIGHTMILL " LIGHTMILL_VERSION " " + control_name(dialect_, stem_) + std::string(dialect_.extension));
     if (!options_.job_name.empty()) comment("JOB " + options_.job_name);
     if (!options_.job_hash.empty()) comment("HASH OF THE JOB " + options_.job_hash);
-    comment("MAKES the " + motion_.pass + " pass of a lens, " + std::to_string(motion_.moves.size()) + " moves, " +
-            (turning ? "5 axes at once" : "rotary axes fixed"));
+    for (const AxisMotion& pass : passes_) {
+      comment("MAKES the " + pass.pass + " pass of a lens, " + std::to_string(pass.moves.size()) + " moves, " +
+              (turns_in_cut(pass) ? "5 axes at once" : "rotary axes fixed"));
+    }
     comment("TIME ABOUT " + fixed(minutes, 1) + " MIN, accelerations not counted");
-    comment("TOOL T" + std::to_string(cutter.number) + " " + cutter.name);
-    comment("TOOL DIAMETER " + compact(cutter.diameter_mm, 3) + " CORNER RADIUS " +
-            compact(cutter.corner_radius_mm, 3) + " STICK-OUT " + compact(stick_out, 3) + " MM");
-    comment("TOOL LENGTH " + fixed(cutter.length_mm, 3) + " MM FROM SPINDLE NOSE TO TIP");
-    comment("TOOL " + motion_.pass + " AT " + compact(motion_.spindle_rpm, 0) +
-            " RPM, cutting data: " + (cutter.source.empty() ? "untested" : cutter.source));
-    comment("ZERO " + offset + " = WORKPIECE ORIGIN WITH " + letters + ": the centre of the blank's back");
+    for (const AxisMotion& pass : passes_) tool_comments(pass);
+    comment("ZERO " + (dialect_.tcp_ball_centre ? "DATUM " + std::to_string(setup_.work_offset - 53) : offset) +
+            " = WORKPIECE ORIGIN WITH " + letters + ": the centre of the blank's back");
     comment("ZERO IN MACHINE COORDINATES X" + fixed(zero.x(), 3) + " Y" + fixed(zero.y(), 3) + " Z" +
             fixed(zero.z(), 3));
     comment("MACHINE " + machine_.name);
     if (!machine_.notes.empty()) comment("MACHINE " + machine_.notes);
-    comment(
-        "NO TOOL CENTRE CONTROL: the program holds axis positions and fits this machine, this zero and this tool "
-        "length only");
-    if (air_word())
-      comment(std::string(air_word()) +
-              (std::string_view(air_word()) == "M7" ? " = AIR ON THE MIST OUTPUT" : " = COOLANT"));
-
-    const std::string top = top_words();
-    block("G21 G90 G94 G17 G40 G49 G80 " + offset + (dialect_.modes.empty() ? "" : " " + std::string(dialect_.modes)));
-    block("G53 G0 " + top);
-    mode_ = 0;
-    const Vec3& change = machine_.tool_change_mm;
-    block("G53 G0 X" + written(change.x()) + " Y" + written(change.y()));
-    if (change.z() != machine_.retract_z_mm) block("G53 G0 Z" + written(change.z()));
-    block("T" + std::to_string(cutter.number) + " M6");
-    if (!dialect_.length_in_table) block("G43.1 Z" + written(cutter.length_mm));
-    block("S" + compact(motion_.spindle_rpm, 0) + " M3");
-    block("G4 P" + (dialect_.dwell_in_ms ? compact(1000 * dwell_s(), 0) : compact(dwell_s(), 3)));
-    if (air_word()) block(air_word());
-    // The operator may have jogged at the tool change: up again, whatever Z is, before anything turns.
-    block("G53 G0 " + top);
-    // Only here: on some controls the offset itself moves Z.
-    if (dialect_.length_in_table) block("G43 H" + std::to_string(cutter.number));
-    if (!dialect_.smoothing_on.empty()) block(std::string(dialect_.smoothing_on));
-    at_.fill(kUnknown);
-    at_[kZ] = top_z_;
-    if (!machine_.has_rotary()) at_[kOuter] = at_[kInner] = 0;
-    if (turning) block("G93");
+    bool guided = false, unguided = false;
+    for (const AxisMotion& pass : passes_) (uses_tcp(machine_, pass, options_) ? guided : unguided) = true;
+    if (guided) {
+      comment(dialect_.tcp_ball_centre ? "TOOL CENTRE CONTROL M128: X Y Z are the ball's centre in the workpiece "
+                                         "frame, the tool table keeps the "
+                                         "length to the tip, DL in the tool call takes it to the centre"
+                                       : "TOOL CENTRE CONTROL: X Y Z are the tip in the workpiece frame");
+    }
+    if (unguided) {
+      comment(
+          "NO TOOL CENTRE CONTROL: the program holds axis positions and fits this machine, this zero and this tool "
+          "length only");
+    }
+    for (const AxisMotion& pass : passes_) {
+      if (const char* air = air_word(pass)) {
+        comment(std::string(air) + (std::string_view(air) == "M7" ? " = AIR ON THE MIST OUTPUT" : " = COOLANT"));
+        break;
+      }
+    }
+    all(dialect_.safe_modes(sheet_));
   }
 
-  void footer() {
-    if (turns()) block("G94");
-    if (!dialect_.smoothing_off.empty()) block(std::string(dialect_.smoothing_off));
-    block(air_word() && !dialect_.one_m_per_block ? "M5 M9" : "M5");
-    if (air_word() && dialect_.one_m_per_block) block("M9");
-    block("G53 G0 " + top_words());
-    std::string home;
-    if (at_[kOuter] != 0) home += std::string(" ") + machine_.outer.letter + written(0);
-    if (at_[kInner] != 0) home += std::string(" ") + machine_.inner.letter + written(0);
-    if (!home.empty()) block("G0" + home);
-    if (machine_.park_mm) block("G53 G0 X" + written(machine_.park_mm->x()) + " Y" + written(machine_.park_mm->y()));
-    block("G49");
-    block("M30");
-    if (dialect_.percent) text_ += "%\n";
+  void tool_comments(const AxisMotion& pass) {
+    const Cutter& cutter = pass.cutter;
+    double stick_out = cutter.length_mm;
+    for (const HolderPiece& piece : cutter.holder) stick_out = std::min(stick_out, piece.from_mm);
+    comment("TOOL T" + std::to_string(cutter.number) + " " + cutter.name);
+    comment("TOOL DIAMETER " + compact(cutter.diameter_mm, 3) + " CORNER RADIUS " +
+            compact(cutter.corner_radius_mm, 3) + " STICK-OUT " + compact(stick_out, 3) + " MM");
+    comment("TOOL LENGTH " + fixed(cutter.length_mm, 3) + " MM FROM SPINDLE NOSE TO TIP");
+    comment("TOOL " + pass.pass + " AT " + compact(pass.spindle_rpm, 0) +
+            " RPM, cutting data: " + (cutter.source.empty() ? "untested" : cutter.source));
+  }
+
+  // A box around what is cut, from the blank's back up, for the control's graphics.
+  void measure_blank() {
+    if (dialect_.language != Language::kConversational && dialect_.language != Language::kHeidenhainIso) return;
+    Vec3 low(0, 0, 0), high(1, 1, 1);
+    for (const AxisMotion& pass : passes_) {
+      for (const AxisMove& move : pass.moves) {
+        if (move.kind != MoveKind::kCut) continue;
+        const Vec3 tip = detail::tip_at(machine_, setup_, pass.cutter.length_mm, move.joints);
+        low = low.cwiseMin(tip - Vec3(1, 1, 0));
+        high = high.cwiseMax(tip + Vec3(1, 1, 1));
+      }
+    }
+    sheet_.blank_min_mm = low.array().floor();
+    sheet_.blank_max_mm = high.array().ceil();
+  }
+
+  void begin_pass(const AxisMotion& pass) {
+    pass_ = &pass;
+    const Cutter& cutter = pass.cutter;
+    sheet_.tool = cutter.number;
+    sheet_.rpm = pass.spindle_rpm;
+    sheet_.dwell_s = dwell_s();
+    sheet_.length_mm = cutter.length_mm;
+    sheet_.tcp = uses_tcp(machine_, pass, options_);
+    sheet_.delta_mm = sheet_.tcp && dialect_.tcp_ball_centre ? -cutter.radius_mm() : 0;
+    sheet_.turning = turns_in_cut(pass);
+    timed_ = sheet_.turning && (!sheet_.tcp || dialect_.tcp_inverse_time);
+    first_descent_ = true;
+    feed_.clear();
+
+    const std::string top = dialect_.machine_move(top_words());
+    if (&pass == &passes_.front()) block(top);
+    const Vec3& change = machine_.tool_change_mm;
+    block(dialect_.machine_move("X" + sheet_.number(change.x()) + " Y" + sheet_.number(change.y())));
+    if (change.z() != machine_.retract_z_mm) block(dialect_.machine_move("Z" + sheet_.number(change.z())));
+    all(dialect_.tool_change(sheet_));
+    all(dialect_.spindle_on(sheet_));
+    if (const char* air = air_word(pass)) block(air);
+    // The operator may have jogged at the tool change: up again, whatever Z is, before anything turns.
+    block(top);
+    all(dialect_.before_cut(sheet_));
+    mode_ = 0;
+    at_.fill(kUnknown);
+    at_[kZ] = kTop;
+    if (!machine_.has_rotary()) at_[kOuter] = at_[kInner] = 0;
+    if (timed_ && dialect_.language != Language::kConversational) block("G93");
+  }
+
+  void end_pass() {
+    if (tcp_on_) leave_tcp();
+    if (timed_ && dialect_.language != Language::kConversational) block("G94");
+    all(dialect_.after_cut(sheet_));
+    all(dialect_.coolant_off_spindle_off(air_word(*pass_) != nullptr));
+    block(dialect_.machine_move(top_words()));
+  }
+
+  void leave_tcp() {
+    all(dialect_.tcp_off(sheet_));
+    tcp_on_ = false;
+    at_[kX] = at_[kY] = at_[kZ] = kUnknown;
+  }
+
+  // What stands between the machine's top and the first move below it; words that go in front of that move's own.
+  Blocks leave_top() {
+    Blocks blocks = dialect_.descend(sheet_, first_descent_);
+    first_descent_ = false;
+    if (sheet_.tcp) {
+      tcp_on_ = true;
+      at_[kX] = at_[kY] = at_[kZ] = kUnknown;
+    }
+    if (dialect_.length_with_descent) return blocks;
+    all(blocks);
+    return {};
   }
 
   // A rapid at the machine's top goes there by machine coordinates, turns the table, then goes across.
   void rapid(const AxisMove& move) {
-    Position to = words(move.joints);
     const bool top = move.joints.z_mm == machine_.retract_z_mm;
     if (move.rotary_moves && !top) throw NumericalError("a rapid turns the table below the machine's top");
     if (top) {
-      to[kZ] = top_z_;
-      if (at_[kZ] != top_z_) {
-        block("G53 G0 " + top_words());
-        at_[kZ] = top_z_;
+      if (tcp_on_) leave_tcp();
+      if (at_[kZ] != kTop) {
+        block(dialect_.machine_move(top_words()));
+        at_[kZ] = kTop;
         mode_ = 0;
       }
+      Position to = words(move.joints, point(move.joints));
+      to[kZ] = kTop;
+      rapid_block(to, kOuter, kInner);
+      rapid_block(to, kX, kY);
+      return;
     }
-    rapid_block(to, kOuter, kInner);
-    rapid_block(to, kX, kZ);
+    const Blocks front = at_[kZ] == kTop ? leave_top() : Blocks{};
+    rapid_block(words(move.joints, point(move.joints)), kX, kZ, front);
   }
 
-  void rapid_block(const Position& to, int first, int last) {
+  void rapid_block(const Position& to, int first, int last, const Blocks& front = {}) {
     if (same(to, first, last)) return;
     begin_block();
     mode(0);
+    for (const std::string& words : front) {
+      space();
+      text_ += words;
+    }
     axis_words(to, first, last);
-    text_ += '\n';
+    if (dialect_.language == Language::kConversational) text_ += " FMAX";
+    end_block();
   }
 
   void feed(const AxisMove& move) {
-    const Position to = words(move.joints);
+    if (at_[kZ] == kTop) throw NumericalError("a cut begins at the machine's top");
+    const Vec3 at = point(move.joints);
+    const Position to = words(move.joints, at);
     // What rounds to nothing is left out and loses nothing: the next block's end is absolute.
     if (same(to, kX, kInner)) return;
-    if (turns() && !same(to, kOuter, kInner) && !same(to, kX, kZ)) {
-      double way_mm = 0;
-      for (const int w : {kX, kY, kZ}) way_mm = std::hypot(way_mm, static_cast<double>(to[w] - at_[w]) / unit_);
-      if (way_mm < dialect_.least_linear_mm) {
-        begin_block();
-        mode(1);
-        axis_words(to, kOuter, kInner);
-        text_ += " F" + feed_text(60 / move.seconds) + '\n';
+    double way_mm = (at - point(from_)).norm();
+    const double turn_deg =
+        std::hypot(move.joints.outer_rad - from_.outer_rad, move.joints.inner_rad - from_.inner_rad) * kDegPerRad;
+    const bool turned = !same(to, kOuter, kInner);
+    if (turned && dialect_.least_linear_mm > 0) {
+      double written_mm = 0;
+      for (const int w : {kX, kY, kZ}) written_mm = std::hypot(written_mm, static_cast<double>(to[w] - at_[w]) / unit_);
+      if (written_mm < dialect_.least_linear_mm) {
+        // Turn and way apart: the turn takes the whole time.
+        feed_block(to, kOuter, kInner, turn_deg, move.seconds);
+        way_mm = std::max(written_mm, way_mm);
+        if (same(to, kX, kZ)) return;
       }
     }
-    begin_block();
-    mode(1);
-    axis_words(to, kX, kInner);
-    std::string word;
-    if (turns()) {
-      word = feed_text(60 / move.seconds);
-    } else {
-      const double length =
-          Vec3(move.joints.x_mm - from_.x_mm, move.joints.y_mm - from_.y_mm, move.joints.z_mm - from_.z_mm).norm();
-      word = feed_text(60 * length / move.seconds);
-    }
-    if (turns() || word != feed_) {
-      text_ += " F";
-      text_ += word;
-      if (dialect_.decimal_point && word.find('.') == std::string::npos) text_ += '.';
-      feed_ = std::move(word);
-    }
-    text_ += '\n';
+    feed_block(to, kX, kInner, way_mm, move.seconds);
   }
 
-  [[nodiscard]] std::string file_name() const {
-    std::string name = program_file_name(motion_.pass);
-    return name.substr(0, name.size() - 3) + std::string(dialect_.extension);
+  void feed_block(const Position& to, int first, int last, double way, double seconds) {
+    begin_block();
+    mode(1);
+    axis_words(to, first, last);
+    if (timed_ && dialect_.language == Language::kConversational) {
+      // A time, rounded up.
+      const double ms = std::ceil(seconds * 1000 * (1 - kFeedSlack));
+      if (!(ms <= kMostTime_s * 1000))
+        throw InputError(pass_->pass + ": a move takes longer than 999.999 s, the control's longest FT");
+      text_ += " FT" + compact(std::max(ms, 1.0) / 1000, 3);
+    } else {
+      std::string word = feed_text(timed_ ? 60 / seconds : 60 * way / seconds);
+      if (timed_ || word != feed_) {
+        text_ += " F";
+        text_ += word;
+        feed_ = std::move(word);
+      }
+    }
+    end_block();
   }
 
   // Facts -------------------------------------------------------------------------------------------------------------
 
-  [[nodiscard]] bool turns() const { return turns_; }
   [[nodiscard]] double dwell_s() const { return std::max(options_.warm_up_s, machine_.spindle_start_s); }
-  [[nodiscard]] std::string top_words() const { return "Z" + written(machine_.retract_z_mm); }
+  [[nodiscard]] std::string top_words() const { return "Z" + sheet_.number(machine_.retract_z_mm); }
   // M7 is the mist output, where a shop's air blast or mist unit hangs; M8 is flood.
-  [[nodiscard]] const char* air_word() const {
-    const std::string& coolant = motion_.cutter.coolant;
+  [[nodiscard]] static const char* air_word(const AxisMotion& pass) {
+    const std::string& coolant = pass.cutter.coolant;
     return coolant == "air" || coolant == "mist" ? "M7" : coolant == "flood" ? "M8" : nullptr;
   }
 
   const MachineModel& machine_;
   const WorkSetup& setup_;
-  const AxisMotion& motion_;
+  std::span<const AxisMotion> passes_;
   const ProgramOptions& options_;
-  const detail::Dialect& dialect_;
+  const Dialect& dialect_;
   double unit_;
-  bool turns_ = std::any_of(motion_.moves.begin(), motion_.moves.end(),
-                            [](const AxisMove& move) { return move.rotary_moves && move.kind != MoveKind::kRapid; });
-  long long top_z_ = std::numeric_limits<long long>::max() - 1;  // a Z that no word can have: reached by G53
+  std::array<char, kWords> letters_;
+  detail::Sheet sheet_;
+  std::string stem_;
+  const AxisMotion* pass_ = nullptr;
   std::string text_;
   std::size_t blocks_ = 0;
+  unsigned long long number_ = 0;  // of the next (conversational) or last block
+  bool fresh_ = true;              // no word in this block yet
+  bool timed_ = false;             // every block of the cut carries its time
+  bool tcp_on_ = false;
+  bool first_descent_ = true;
   Position at_{};
   JointPosition from_;  // the move before
   int mode_ = -1;
   std::string feed_;
 };
 
-}  // namespace
-
-std::string program_file_name(const std::string& pass) {
-  const std::array<std::pair<std::string_view, std::string_view>, 3> known{
-      {{"rough", "10"}, {"semi_finish", "20"}, {"finish", "30"}}};
-  for (const auto& [name, number] : known) {
-    if (pass == name) return std::string(number) + "_" + pass + ".nc";
-  }
-  std::string safe;
-  for (const unsigned char c : pass) safe += c < 0x80 && std::isalnum(c) != 0 ? static_cast<char>(c) : '_';
-  return "40_" + safe + ".nc";
-}
-
-Program write_program(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
-                      const ProgramOptions& options) {
+void check_input(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
+                 const ProgramOptions& options) {
   const int most_decimals = detail::dialect_of(machine.controller).most_decimals;
   if (options.decimals < 3 || options.decimals > most_decimals) {
     throw InputError("decimals = " + std::to_string(options.decimals) + ": must be from 3 to " +
@@ -380,8 +580,44 @@ Program write_program(const MachineModel& machine, const WorkSetup& setup, const
   if (motion.cutter.number < 1) {
     throw InputError(motion.pass + ": cutter '" + motion.cutter.name + "' needs a number of at least 1 for its T word");
   }
-  Program program = ProgramWriter(machine, setup, motion, options).write();
-  const std::vector<std::string> faults = check_program_text(machine, setup, motion, program.text, options);
+}
+
+}  // namespace
+
+std::string program_file_name(const std::string& pass, const std::string& controller) {
+  const Dialect& dialect = detail::dialect_of(controller);
+  return control_name(dialect, program_stem(pass)) + std::string(dialect.extension);
+}
+
+bool uses_tcp(const MachineModel& machine, const AxisMotion& motion, const ProgramOptions& options) {
+  const Dialect& dialect = detail::dialect_of(machine.controller);
+  const bool turning = turns_in_cut(motion);
+  if (!options.tcp || !machine.has_rotary()) {
+    if (turning && !dialect.inverse_time) {
+      throw InputError(motion.pass + ": rotary axes move in the cut, and " + machine.controller +
+                       " has no word for a block's time; use tool-centre-point control ([controller] tcp = \"on\") or "
+                       "dialect = \"heidenhain\"");
+    }
+    return false;
+  }
+  if (!dialect.tcp || !machine.has_tcp) {
+    throw InputError("tool-centre-point control is asked for, but the machine file of " + machine.name +
+                     " does not say that its " + machine.controller + " control has it ([controller] tcp = true)");
+  }
+  if (!dialect.tcp_ball_centre || is_ball(motion.cutter)) return true;
+  if (turning) {
+    throw InputError(motion.pass + ": M128 takes ball cutters only, '" + motion.cutter.name +
+                     "' is none; use axis = \"fixed\" or \"vertical\" for this pass");
+  }
+  return false;
+}
+
+Program write_program(const MachineModel& machine, const WorkSetup& setup, std::span<const AxisMotion> passes,
+                      const ProgramOptions& options) {
+  if (passes.empty()) throw InputError("no pass to write a program for");
+  for (const AxisMotion& pass : passes) check_input(machine, setup, pass, options);
+  Program program = ProgramWriter(machine, setup, passes, options).write();
+  const std::vector<std::string> faults = check_program_text(machine, setup, passes, program.text, options);
   if (!faults.empty()) {
     throw NumericalError(program.file_name + " breaks a safety rule (" + std::to_string(faults.size()) +
                          " in all): " + faults.front());
@@ -389,10 +625,15 @@ Program write_program(const MachineModel& machine, const WorkSetup& setup, const
   return program;
 }
 
+Program write_program(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
+                      const ProgramOptions& options) {
+  return write_program(machine, setup, std::span(&motion, 1), options);
+}
+
 std::vector<DialectFacts> dialects() {
   std::vector<DialectFacts> facts;
-  for (const detail::Dialect* d : detail::all_dialects()) {
-    facts.push_back({std::string(d->name), std::string(d->title), std::string(d->extension), d->most_decimals});
+  for (const Dialect* d : detail::all_dialects()) {
+    facts.push_back({std::string(d->name), std::string(d->title), std::string(d->extension), d->most_decimals, d->tcp});
   }
   return facts;
 }

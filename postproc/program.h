@@ -1,6 +1,7 @@
-// Axis motion to program text in the machine's RS274 dialect.
+// Axis motion to program text in the machine's dialect.
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
@@ -9,36 +10,48 @@
 namespace lightmill {
 
 struct ProgramOptions {
-  int decimals = 5;                  ///< of mm and degrees
-  bool block_numbers = false;        ///< N words (for checks)
+  int decimals = 5;            ///< of mm and degrees
+  bool block_numbers = false;  ///< N words where the control does not ask for them anyway
+  bool tcp = false;            ///< by the control's tool-centre-point control: X, Y, Z in the workpiece frame
   std::string job_name;
   std::string job_hash;
-  double warm_up_s = 8;              ///< spindle dwell before the first cut; the machine's own start time if that is longer
+  double warm_up_s = 8;         ///< spindle dwell before the first cut; the machine's own start time if that is longer
+  double smoothing_mm = 0.002;  ///< what the control may leave its path by: G64 P, cycle 32, CYCLE832
+  double smoothing_deg = 0.02;  ///< the same for rotary axes
 };
 
 struct Program {
-  std::string file_name;             ///< "30_finish.nc"
-  std::string text;                  ///< ASCII, LF
-  std::size_t blocks = 0;            ///< lines that are not comments
+  std::string file_name;   ///< "30_finish.nc", "30_FINISH.H", "LM_30_FINISH.MPF"
+  std::string text;        ///< ASCII
+  std::size_t blocks = 0;  ///< blocks for the control, without comments
 };
 
-/// "10_rough.nc", "20_semi_finish.nc", "30_finish.nc"; "40_<pass>.nc" for other passes.
-std::string program_file_name(const std::string& pass);
+/// The name of a pass' program: "10_rough", "20_semi_finish", "30_finish", "40_<pass>", as the dialect wants it.
+std::string program_file_name(const std::string& pass, const std::string& controller);
 
-/// Header, tool change, spindle with dwell, air, machine-top Z before any rotary move, footer. Feed moves are G94 if no
-/// rotary joint moves in any of them, otherwise all G93 with F = 1/minutes on every line, rounded down. Words: the gauge
-/// point less the work offset's zero (and less the tool's length in Z, which G43.1 adds again); only those that changed.
-/// Throws InputError for a spindle speed the machine has not, and NumericalError if the finished text fails
-/// check_program_text().
+/// One program for the passes in their order, each with its tool: header, tool change, spindle with dwell, air,
+/// smoothing, machine-top Z before any rotary move, the cut, safe end. Without tool-centre-point control words are axis
+/// positions (the gauge point less the work offset's zero and, in Z, less the tool's length); feeds are per minute if
+/// no rotary joint moves in the cut of the pass, otherwise every block carries its time (G93, FT), rounded to the
+/// slower side. With it words are the tip in the workpiece frame (on Heidenhain the ball's centre) and feeds those of
+/// that point. Only words that changed. Throws InputError for what machine, tool or control do not allow, and
+/// NumericalError if the finished text fails check_program_text().
+Program write_program(const MachineModel& machine, const WorkSetup& setup, std::span<const AxisMotion> passes,
+                      const ProgramOptions& options = {});
 Program write_program(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
                       const ProgramOptions& options = {});
 
-/// A dialect as `lightmill dialects` lists it; each is a file detail/<name>.cpp.
+/// Does write_program() use tool-centre-point control for this pass? M128 takes ball cutters only, so a Heidenhain
+/// control gets other cutters' fixed passes through the kinematics. Throws InputError where the control cannot.
+bool uses_tcp(const MachineModel& machine, const AxisMotion& motion, const ProgramOptions& options);
+
+/// A dialect as `lightmill dialects` lists it.
 struct DialectFacts {
   std::string name;
   std::string title;
   std::string extension;
   int most_decimals = 0;
+  bool tcp = false;  ///< can have tool-centre-point control
 };
 std::vector<DialectFacts> dialects();
 

@@ -1,61 +1,68 @@
 #include "postproc/program_check.h"
 
 #include <algorithm>
-#include <charconv>
+#include <array>
 #include <cmath>
-#include <limits>
-#include <optional>
-#include <set>
 
 #include "design/core/text.h"
 #include "postproc/detail/dialect.h"
+#include "postproc/detail/program_blocks.h"
+#include "postproc/detail/trunnion.h"
 
 namespace lightmill {
 namespace {
 
+using detail::Block;
+using detail::kNotSaid;
+using detail::Language;
+using detail::Order;
+
 constexpr std::size_t kMostFaults = 20;
-constexpr std::size_t kLongestLine = 80;
-constexpr std::string_view kRealTimeCharacters = "!?~%$";
-constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-constexpr double kTop_mm = 1e-6;    // how near to the machine's top is at the top
-constexpr double kPlane_mm = 1e-3;  // rapids may graze the safe plane by rounding
-constexpr double kFeedLoss = 3e-4;  // a feed word may be this much too slow by rounding down, and nothing too fast
+constexpr double kTop_mm = 1e-6;      // how near to the machine's top is at the top
+constexpr double kPlane_mm = 1e-3;    // rapids may graze the safe plane by rounding
+constexpr double kFeedLoss = 3e-4;    // a feed word may be this much too slow by rounding down, and nothing too fast
+constexpr double kTimeLoss_s = 1e-3;  // of an FT word, rounded up
 constexpr double kDegree = kPi / 180;
+constexpr double kPoseSlack = 10;  // in half units: axes follow from a rounded tip and rounded angles under TCP
 
-struct Words {
-  std::vector<int> g;  // times ten: G43.1 is 431
-  std::vector<int> m;
-  double x = kUnknown, y = kUnknown, z = kUnknown, outer = kUnknown, inner = kUnknown;
-  double f = kUnknown, s = kUnknown, t = kUnknown, p = kUnknown, n = kUnknown, h = kUnknown, q = kUnknown;
-
-  [[nodiscard]] bool has_g(int code) const { return std::find(g.begin(), g.end(), code) != g.end(); }
-  [[nodiscard]] bool has_m(int code) const { return std::find(m.begin(), m.end(), code) != m.end(); }
-  [[nodiscard]] bool linear() const { return !std::isnan(x) || !std::isnan(y) || !std::isnan(z); }
-  [[nodiscard]] bool rotary() const { return !std::isnan(outer) || !std::isnan(inner); }
-};
-
-// Where the axes stand, as the text says: machine coordinates, mm and rad; NaN where it has not said yet.
+// Where the axes stand, as the text says: machine coordinates, mm and rad; NaN where it has not said yet. `point` is
+// what X, Y, Z guide under tool-centre-point control, in the workpiece frame.
 struct Place {
-  double x = kUnknown, y = kUnknown, z = kUnknown, outer = kUnknown, inner = kUnknown;
+  double x = kNotSaid, y = kNotSaid, z = kNotSaid, outer = kNotSaid, inner = kNotSaid;
+  Vec3 point = Vec3::Constant(kNotSaid);
   bool top = false;
+  [[nodiscard]] JointPosition joints() const { return {x, y, z, outer, inner}; }
 };
+
+enum class Tcp { kUnknown, kOff, kOn };
 
 class Checker {
  public:
-  Checker(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion, const ProgramOptions& options)
+  Checker(const MachineModel& machine, const WorkSetup& setup, std::span<const AxisMotion> passes,
+          const ProgramOptions& options)
       : machine_(machine),
         setup_(setup),
-        motion_(motion),
+        passes_(passes),
         options_(options),
         dialect_(detail::dialect_of(machine.controller)),
-        half_unit_(0.51 * std::pow(10.0, -options.decimals)) {}
+        half_unit_(0.51 * std::pow(10.0, -options.decimals)),
+        reader_(machine, dialect_,
+                {[this](const std::string& what) { complain(what); }, [this](const Block& block) { run(block); }}) {
+    for (const AxisMotion& pass : passes) wants_tcp_.push_back(uses_tcp(machine, pass, options));
+    if (!machine.has_tcp) tcp_ = Tcp::kOff;
+    place_ = unknown_place();
+    for (const Order order : {Order::kMetric, Order::kAbsolute, Order::kPlane, Order::kNoRadius, Order::kOffset}) {
+      needed_ |= bit(order);
+    }
+    if (dialect_.language == Language::kRs274) needed_ |= bit(Order::kNoCycle) | bit(Order::kLengthOff);
+    if (dialect_.language == Language::kConversational) needed_ &= ~(bit(Order::kAbsolute) | bit(Order::kPlane));
+  }
 
   std::vector<std::string> check(std::string_view text) {
     if (text.empty() || text.back() != '\n') complain("the last line does not end with a line feed");
     for (std::size_t begin = 0; begin < text.size() && faults_.size() < kMostFaults;) {
-      ++line_;
       const std::size_t end = std::min(text.find('\n', begin), text.size());
-      read_line(text.substr(begin, end - begin));
+      reader_.line(text.substr(begin, end - begin));
       begin = end + 1;
     }
     if (faults_.size() < kMostFaults) at_end();
@@ -63,6 +70,8 @@ class Checker {
   }
 
  private:
+  static constexpr std::uint64_t bit(Order order) { return 1ULL << static_cast<int>(order); }
+
   [[nodiscard]] Place unknown_place() const {
     Place place;
     if (!machine_.has_rotary()) place.outer = place.inner = 0;
@@ -70,299 +79,241 @@ class Checker {
   }
 
   void complain(const std::string& what) {
-    if (faults_.size() < kMostFaults) faults_.push_back("line " + std::to_string(line_) + ": " + what);
+    if (faults_.size() < kMostFaults) faults_.push_back("line " + std::to_string(reader_.line_number()) + ": " + what);
   }
 
-  void read_line(std::string_view line) {
-    if (dialect_.percent && line == "%") {
-      if (line_ != 1 && !ended_) complain("% ends the program before M30");
-      ++percents_;
-      return;
-    }
-    if (dialect_.program_number && line_ == 2) {
-      if (line.size() != 5 || line.front() != 'O' || line.find_first_not_of("0123456789", 1) != std::string_view::npos) {
-        complain("the program's number is missing: O and four digits");
-      }
-      return;
-    }
-    if (line.size() > kLongestLine) complain("longer than 80 characters");
-    for (const char c : line) {
-      if (c < ' ' || c > '~') return complain("a character that is not printable ASCII");
-      if (kRealTimeCharacters.find(c) != std::string_view::npos) {
-        return complain(std::string("'") + c + "' would act as a real-time command");
-      }
-    }
-    if (line.empty()) return complain("an empty line");
-    if (line.front() == '(') {
-      if (line.find(')') != line.size() - 1 || line.rfind('(') != 0)
-        complain("a comment that does not end with its line");
-      return;
-    }
-    if (ended_) return complain("a block after the program's end");
-    if (const auto words = read_words(line)) run(*words);
-  }
-
-  // Words of a block, or nothing (after a complaint) if a character is not part of one.
-  std::optional<Words> read_words(std::string_view line) {
-    Words words;
-    std::set<char> seen;
-    const char* at = line.data();
-    const char* const end = at + line.size();
-    while (at != end) {
-      if (*at == ' ') {
-        ++at;
-        continue;
-      }
-      const char letter = *at++;
-      const char* digits = at;
-      if (digits != end && *digits == '-') ++digits;
-      double value = 0;
-      const auto [stop, error] = std::from_chars(at, end, value, std::chars_format::fixed);
-      if (letter < 'A' || letter > 'Z' || digits == end || *digits < '0' || *digits > '9' || error != std::errc()) {
-        complain("not words of a letter and a number: '" + std::string(line) + "'");
-        return std::nullopt;
-      }
-      at = stop;
-      const bool code = letter == 'G' || letter == 'M';
-      if (!code && !seen.insert(letter).second) complain(std::string("two words ") + letter);
-      if (letter == 'G') {
-        words.g.push_back(static_cast<int>(std::lround(value * 10)));
-      } else if (letter == 'M') {
-        words.m.push_back(static_cast<int>(std::lround(value)));
-      } else if (dialect_.decimal_point && std::string_view("XYZABCF").find(letter) != std::string_view::npos &&
-                 std::string_view(digits, stop).find('.') == std::string_view::npos) {
-        complain(std::string(1, letter) + " without a decimal point");
-      } else if (machine_.has_rotary() && letter == machine_.outer.letter) {
-        words.outer = value;
-      } else if (machine_.has_rotary() && letter == machine_.inner.letter) {
-        words.inner = value;
-      } else if (double* slot = scalar(words, letter)) {
-        *slot = value;
-      } else {
-        complain(std::string("a word ") + letter + " that this machine does not know");
-      }
-    }
-    return words;
-  }
-
-  static double* scalar(Words& words, char letter) {
-    switch (letter) {
-      case 'X':
-        return &words.x;
-      case 'Y':
-        return &words.y;
-      case 'Z':
-        return &words.z;
-      case 'F':
-        return &words.f;
-      case 'S':
-        return &words.s;
-      case 'T':
-        return &words.t;
-      case 'P':
-        return &words.p;
-      case 'H':
-        return &words.h;
-      case 'Q':
-        return &words.q;
-      case 'N':
-        return &words.n;
-      default:
-        return nullptr;
-    }
+  // The pass whose tool is in the spindle, or the one to come.
+  [[nodiscard]] const AxisMotion& pass() const { return passes_[std::min(pass_, passes_.size() - 1)]; }
+  [[nodiscard]] bool wants_tcp() const { return wants_tcp_[std::min(pass_, passes_.size() - 1)]; }
+  [[nodiscard]] bool air_wanted() const {
+    const std::string& coolant = pass().cutter.coolant;
+    return !coolant.empty() && coolant != "none";
   }
 
   // One block, in the order in which a controller acts on its words [NIST RS274NGC, table 8].
-  void run(const Words& words) {
-    if (!std::isnan(words.n)) {
-      if (!(words.n > last_n_)) complain("block numbers do not grow");
-      last_n_ = words.n;
-    }
-    if (words.has_g(930) && words.has_g(940)) complain("G93 and G94 in one block");
-    if (words.has_g(930)) inverse_time_ = true;
-    if (words.has_g(940)) {
-      inverse_time_ = false;
-      feed_ = kUnknown;
-    }
-    feed_word(words);
-    if (!std::isnan(words.s)) {
-      if (words.s < machine_.min_spindle_rpm || words.s > machine_.max_spindle_rpm)
-        complain("S outside the spindle's range");
-      if (std::abs(words.s - motion_.spindle_rpm) > 0.5) complain("S is not the speed of the pass");
-      speed_ = words.s;
-    }
-    if (!std::isnan(words.t)) selected_ = words.t;
-    for (const int m : words.m) run_m(m);
-    if (words.has_g(40)) {
-      if (!(words.p > 0)) complain("a dwell without P");
-      if (words.p * (dialect_.dwell_in_ms ? 1e-3 : 1) + 1e-9 >= std::max(options_.warm_up_s, machine_.spindle_start_s) && spindle_) dwelled_ = true;
-    } else if (!std::isnan(words.p) && !words.has_g(640)) {
-      complain("P without a dwell");
-    }
-    bool absolute = false;
-    bool tool_length = false;
-    for (const int g : words.g) {
-      switch (g) {
-        case 0:
-        case 10:
-          mode_ = g / 10;
-          break;
-        case 40:
-        case 930:
-        case 940:
-          break;
-        case 170:
-        case 210:
-        case 400:
-        case 800:
-        case 900:
-          modal_.insert(g);
-          break;
-        case 490:
-          modal_.insert(g);
-          length_mm_ = 0;
-          break;
-        case 431:
-          if (dialect_.length_in_table) complain("G43.1 is unknown to this controller");
-          tool_length = true;
-          break;
-        case 430:
-          if (!dialect_.length_in_table) complain("G43 needs a tool table, which this controller has not");
-          if (tool_ < 0 || words.h != tool_) complain("G43 H is not the tool in the spindle");
-          if (words.linear() || words.rotary()) complain("G43 with axis words");
-          length_mm_ = motion_.cutter.length_mm;  // the operator's entry in the table
-          measured_ = true;
-          break;
-        case 640:
-          if (dialect_.modes.empty() || !(words.p >= 0 && words.p <= 0.002 + 1e-9)) complain("G64 P is not what was asked for");
-          modal_.insert(g);
-          break;
-        case 51:
-          if (dialect_.smoothing_on.empty() || (words.q != 0 && words.q != 1)) complain("G5.1 Q is not 0 or 1");
-          smooth_ = words.q == 1;
-          break;
-        case 530:
-          absolute = true;
-          break;
-        default:
-          if (g == 10 * setup_.work_offset) {
-            modal_.insert(540);
-          } else {
-            complain("G" + compact(g / 10.0, 1) + " has no place in this program");
-          }
+  void run(const Block& block) {
+    if (ended_) return complain("a block after the program's end");
+    modal_ |= block.orders;
+    if (block.has(Order::kBlank)) {
+      if (block.has(Order::kAbsolute) != (blanks_ == 1 && dialect_.language == Language::kHeidenhainIso)) {
+        complain("the blank's corners are out of order");
       }
-    }
-    if (tool_length) {
-      if (std::abs(words.z - motion_.cutter.length_mm) > half_unit_) complain("G43.1 is not the tool's length");
-      if (words.rotary() || !std::isnan(words.x) || !std::isnan(words.y)) complain("G43.1 with other axis words");
-      if (tool_ != motion_.cutter.number) complain("tool length before the tool is in the spindle");
-      length_mm_ = words.z;
-      measured_ = true;
+      blank_[std::min(blanks_++, 1)] = {block.axis[0], block.axis[1], block.axis[2]};
       return;
     }
-    if (words.linear() || words.rotary()) {
-      move(words, absolute);
-    } else if (absolute) {
-      complain("G53 without an axis word");
+    if (block.has(Order::kInverse) && block.has(Order::kPerMinute)) complain("G93 and G94 in one block");
+    if (block.has(Order::kInverse)) inverse_time_ = true;
+    if (block.has(Order::kPerMinute)) {
+      inverse_time_ = false;
+      feed_ = kNotSaid;
     }
-  }
-
-  void feed_word(const Words& words) {
-    if (std::isnan(words.f)) return;
-    if (!(words.f > 0)) complain("F must be greater than 0");
-    feed_ = words.f;
-  }
-
-  void run_m(int m) {
-    switch (m) {
-      case 3:
-        if (!(speed_ > 0)) complain("M3 without S");
-        spindle_ = true;
-        break;
-      case 5:
-        spindle_ = dwelled_ = false;
-        break;
-      case 6:
-        if (selected_ != motion_.cutter.number) complain("M6 without the T word of the pass");
-        if (!place_.top && !changed_down_) complain("a tool change below the machine's top");
-        if (!(std::abs(place_.x - machine_.tool_change_mm.x()) <= half_unit_ &&
-              std::abs(place_.y - machine_.tool_change_mm.y()) <= half_unit_ &&
-              std::abs(place_.z - machine_.tool_change_mm.z()) <= half_unit_)) {
-          complain("a tool change away from the tool change position");
-        }
-        if (spindle_) complain("a tool change with the spindle on");
-        tool_ = static_cast<int>(selected_);
-        place_ = unknown_place();  // the operator may move the machine
-        risen_ = false;
-        break;
-      case 7:
-      case 8:
-        air_ = true;
-        break;
-      case 9:
-        air_ = false;
-        break;
-      case 30:
-        ended_ = true;
-        if (!place_.top) complain("the program ends below the machine's top");
-        if (spindle_ || air_) complain("the program ends with spindle or air on");
-        if (smooth_) complain("the program ends with smoothing on");
-        if (machine_.has_rotary() && !(place_.outer == 0 && place_.inner == 0)) {
-          complain("the program ends with rotary axes away from zero");
-        }
-        if (length_mm_ != 0) complain("the program ends with a tool length in force: G49 is missing");
-        if (inverse_time_) complain("the program ends in G93");
-        break;
-      default:
-        complain("M" + std::to_string(m) + " has no place in this program");
+    if (block.f == block.f) {
+      if (!(block.f > 0)) complain("F must be greater than 0");
+      feed_ = block.f;
     }
+    if (block.s == block.s) {
+      if (block.s < machine_.min_spindle_rpm || block.s > machine_.max_spindle_rpm)
+        complain("S outside the spindle's range");
+      speed_ = block.s;
+    }
+    if (block.t == block.t) selected_ = block.t;
+    if (block.m_codes != 0) run_m(block);
+    if (block.s == block.s && std::abs(block.s - pass().spindle_rpm) > 0.5) complain("S is not the speed of the pass");
+    if (block.has(Order::kDwell) && spindle_ &&
+        block.time + 1e-9 >= std::max(options_.warm_up_s, machine_.spindle_start_s)) {
+      dwelled_ = true;
+    }
+    if (block.has(Order::kOffset) && block.offset != setup_.work_offset) complain("the wrong work offset");
+    run_length_and_tcp(block);
+    run_modes(block);
+    if (block.has(Order::kRapid)) mode_ = 0;
+    if (block.has(Order::kFeed)) mode_ = 1;
+    if (block.linear() || block.rotary()) {
+      move(block);
+    } else if (block.has(Order::kMachine)) {
+      complain("machine coordinates without an axis word");
+    } else if (block.has(Order::kFeed) && dialect_.language == Language::kConversational) {
+      complain("L without an axis word");
+    }
+    if (block.has_m(30)) end();
   }
 
-  void move(const Words& words, bool absolute) {
+  void run_length_and_tcp(const Block& block) {
+    const Cutter& cutter = pass().cutter;
+    if (block.has(Order::kLengthOff)) length_mm_ = 0;
+    if (block.has(Order::kNoLength)) {
+      length_mm_ = 0;
+    }
+    if (block.has(Order::kLengthSaid)) {
+      if (std::abs(block.length - cutter.length_mm) > half_unit_) complain("G43.1 is not the tool's length");
+      if (tool_ != cutter.number) complain("tool length before the tool is in the spindle");
+      length_mm_ = block.length;
+      measured_ = true;
+    }
+    if (block.has(Order::kLengthOn)) {
+      if (tool_ < 0 || (block.length_of != 0 && block.length_of != tool_))
+        complain("G43 H is not the tool in the spindle");
+      const double delta = dialect_.tcp_ball_centre && wants_tcp() ? -cutter.radius_mm() : 0;
+      if (std::abs(block.delta - delta) > half_unit_)
+        complain("DL does not take the length to the point that is programmed");
+      length_mm_ = cutter.length_mm + block.delta;  // the operator's entry in the table
+      measured_ = true;
+    }
+    if (block.has(Order::kTcpOff)) tcp_ = Tcp::kOff;
+    if (block.has(Order::kTcpOn)) {
+      if (!measured_ || length_mm_ == 0) complain("tool-centre-point control before the tool length is set");
+      if (!wants_tcp()) complain("tool-centre-point control was not asked for");
+      if (tcp_ != Tcp::kOff) complain("tool-centre-point control is switched on twice");
+      tcp_ = Tcp::kOn;
+      framed_ = false;
+      if (dialect_.language == Language::kSiemens) modal_ &= ~bit(Order::kOffset);
+      place_.point = detail::tip_at(machine_, setup_, length_mm_, place_.joints());
+    }
+    if (block.has(Order::kTcpFrame)) framed_ = tcp_ == Tcp::kOn;
+  }
+
+  void run_modes(const Block& block) {
+    if (block.has(Order::kSmoothOn)) {
+      smooth_ = true;
+      if (block.smoothing > options_.smoothing_mm + 1e-9) complain("the tolerance is wider than what was asked for");
+    }
+    if (block.has(Order::kSmoothOff)) smooth_ = false;
+    if (block.has(Order::kShortWay)) short_way_ = true;
+    if (block.has(Order::kLongWay)) short_way_ = false;
+  }
+
+  void run_m(const Block& block) {
+    constexpr std::uint64_t known = 1ULL << 3 | 1ULL << 5 | 1ULL << 6 | 1ULL << 7 | 1ULL << 8 | 1ULL << 9 | 1ULL << 30;
+    if ((block.m_codes & ~known) != 0) complain("an M code that has no place in this program");
+    if (block.has_m(6)) change_tool();
+    if (block.has_m(3)) {
+      if (!(speed_ > 0)) complain("M3 without S");
+      spindle_ = true;
+    }
+    if (block.has_m(7) || block.has_m(8)) air_ = true;
+    if (block.has_m(5)) spindle_ = dwelled_ = false;
+    if (block.has_m(9)) air_ = false;
+  }
+
+  void change_tool() {
+    if (tool_ >= 0) {
+      finish_pass();
+      ++pass_;
+      if (pass_ >= passes_.size()) complain("a tool change after the last pass");
+    }
+    next_ = 0;
+    if (selected_ != pass().cutter.number) complain("M6 without the T word of the pass");
+    if (tcp_ != Tcp::kOff) complain("a tool change under tool-centre-point control");
+    if (!place_.top && !changed_down_) complain("a tool change below the machine's top");
+    if (!(std::abs(place_.x - machine_.tool_change_mm.x()) <= half_unit_ &&
+          std::abs(place_.y - machine_.tool_change_mm.y()) <= half_unit_ &&
+          std::abs(place_.z - machine_.tool_change_mm.z()) <= half_unit_)) {
+      complain("a tool change away from the tool change position");
+    }
+    if (spindle_) complain("a tool change with the spindle on");
+    if (air_) complain("a tool change with the air on");
+    if (smooth_ && dialect_.name != "linuxcnc") complain("a tool change with smoothing on");
+    tool_ = static_cast<int>(selected_);
+    measured_ = false;
+    length_mm_ = 0;
+    place_ = unknown_place();  // the operator may move the machine
+    risen_ = false;
+  }
+
+  void end() {
+    ended_ = true;
+    if (!place_.top) complain("the program ends below the machine's top");
+    if (spindle_ || air_) complain("the program ends with spindle or air on");
+    if (smooth_ && dialect_.name != "linuxcnc") complain("the program ends with smoothing on");
+    if (machine_.has_rotary() && !(home(place_.outer, machine_.outer) && home(place_.inner, machine_.inner))) {
+      complain("the program ends with rotary axes away from zero");
+    }
+    if (length_mm_ != 0 && dialect_.language == Language::kRs274) {
+      complain("the program ends with a tool length in force: G49 is missing");
+    }
+    if (tcp_ != Tcp::kOff) complain("the program ends under tool-centre-point control");
+    if (short_way_) complain("the program ends with M126 in force");
+    if (inverse_time_) complain("the program ends in G93");
+  }
+
+  [[nodiscard]] static bool endless(const RotaryAxis& axis) { return std::isinf(axis.max_rad); }
+  [[nodiscard]] bool home(double angle, const RotaryAxis& axis) const {
+    return turns_forgotten(axis) ? std::abs(std::remainder(angle, 2 * kPi)) < 1e-9 : angle == 0;
+  }
+
+  // Where a rotary word leads: endless axes may be told to go the short way, whatever turn is named.
+  [[nodiscard]] double turned(double from, double degrees, const RotaryAxis& axis, bool shortest) const {
+    const double to = degrees * kDegree;
+    if (!shortest || !endless(axis) || std::isnan(from)) return to;
+    return from + std::remainder(to - from, 2 * kPi);
+  }
+
+  void move(const Block& block) {
     if (mode_ < 0) return complain("an axis word before G0 or G1");
-    for (const int needed : {210, 900, 170, 400, 800, 540}) {
-      if (!modal_.contains(needed))
-        return complain("a move before the safe modes are set (G21 G90 G17 G40 G49 G80 and the work offset)");
+    if ((modal_ & needed_) != needed_) {
+      return complain("a move before the safe modes are set (G21 G90 G17 G40 G49 G80 and the work offset)");
     }
+    const bool absolute = block.has(Order::kMachine);
+    if (absolute && tcp_ != Tcp::kOff) complain("machine coordinates before tool-centre-point control is off");
     const Place from = place_;
     Place to = from;
-    if (absolute) {
-      if (mode_ != 0) complain("G53 in a feed move");
-      if (words.rotary()) complain("G53 with a rotary word");
-      if (!std::isnan(words.x)) to.x = words.x;
-      if (!std::isnan(words.y)) to.y = words.y;
-      if (!std::isnan(words.z)) to.z = words.z;
-    } else {
-      if (!std::isnan(words.x)) to.x = words.x + setup_.origin_mm.x();
-      if (!std::isnan(words.y)) to.y = words.y + setup_.origin_mm.y();
-      if (!std::isnan(words.z)) to.z = words.z + setup_.origin_mm.z() + length_mm_;
+    const bool shortest = short_way_ || block.short_way;
+    if (dialect_.tcp_ball_centre && block.rotary() && machine_.has_rotary() && short_way_ != endless(machine_.inner)) {
+      complain(short_way_ ? "M126 with an axis that is not endless" : "an endless axis turns without M126");
     }
-    if (!std::isnan(words.outer)) to.outer = words.outer * kDegree;
-    if (!std::isnan(words.inner)) to.inner = words.inner * kDegree;
-    to.top = absolute && !std::isnan(words.z) ? std::abs(to.z - machine_.retract_z_mm) <= kTop_mm
-                                              : from.top && (std::isnan(words.z) || absolute);
+    if (block.said(3)) to.outer = turned(from.outer, block.axis[3], machine_.outer, shortest);
+    if (block.said(4)) to.inner = turned(from.inner, block.axis[4], machine_.inner, shortest);
+    if (absolute) {
+      if (mode_ != 0) complain("machine coordinates in a feed move");
+      if (block.rotary()) complain("machine coordinates with a rotary word");
+      if (dialect_.language == Language::kSiemens && !block.has(Order::kNoLength)) {
+        complain("SUPA without D0 keeps the tool's length: this is not the machine's top");
+      }
+      if (block.said(0)) to.x = block.axis[0];
+      if (block.said(1)) to.y = block.axis[1];
+      if (block.said(2)) to.z = block.axis[2];
+    } else if (tcp_ == Tcp::kOn) {
+      for (int i = 0; i < 3; ++i) {
+        if (block.said(i)) to.point[i] = block.axis[static_cast<std::size_t>(i)];
+      }
+      const JointPosition joints = detail::joints_at(machine_, setup_, length_mm_, to.point, {to.outer, to.inner});
+      to.x = joints.x_mm;
+      to.y = joints.y_mm;
+      to.z = joints.z_mm;
+    } else {
+      if (block.said(0)) to.x = block.axis[0] + setup_.origin_mm.x();
+      if (block.said(1)) to.y = block.axis[1] + setup_.origin_mm.y();
+      if (block.said(2)) to.z = block.axis[2] + setup_.origin_mm.z() + length_mm_;
+    }
+    to.top = absolute && block.said(2) ? std::abs(to.z - machine_.retract_z_mm) <= kTop_mm
+                                       : from.top && (absolute || (tcp_ != Tcp::kOn && !block.said(2)));
     place_ = to;
-    if (!risen_ && !(absolute && to.top && words.linear() && std::isnan(words.x) && std::isnan(words.y))) {
+    if (!risen_ && !(absolute && to.top && block.linear() && !block.said(0) && !block.said(1))) {
       complain("a move before the machine is at its top");
     }
     risen_ = true;
     if (tool_ < 0 && !absolute) complain("a move in work coordinates before the tool change");
+    if (!absolute && block.said(2) && length_mm_ == 0) complain("a Z word without the tool length");
     within_limits(to);
-    if (tool_ < 0) {
-      changed_down_ = absolute && !to.top;  // on the way to a tool change below the top
+    // On the way to a tool change; its place may lie below the top.
+    const bool between_passes = pass_ + 1 < passes_.size() && next_ == pass().moves.size() && !spindle_;
+    const bool straight_down = absolute && from.top && !block.said(0) && !block.said(1);
+    if (tool_ < 0 || (between_passes && straight_down && !to.top)) {
+      changed_down_ = absolute && !to.top;
       return;
     }
     if (mode_ == 0) {
-      rapid(words, from, to);
+      rapid(block, from, to);
     } else {
-      feed(words, to);
+      feed(block);
     }
-    follow(from, to);
+    follow(block, from, to);
   }
 
   void within_limits(const Place& to) {
+    const double slack = half_unit_ * (tcp_ == Tcp::kOn ? kPoseSlack : 1);
     const auto check = [&](char letter, double value, double least, double most, double scale) {
-      if (value < least - half_unit_ * scale || value > most + half_unit_ * scale) {
+      if (value < least - slack * scale || value > most + slack * scale) {
         complain(std::string(1, letter) + " leaves the machine's travel");
       }
     };
@@ -373,68 +324,91 @@ class Checker {
     check(machine_.inner.letter, to.inner, machine_.inner.min_rad, machine_.inner.max_rad, kDegree);
   }
 
-  void rapid(const Words& words, const Place& from, const Place& to) {
-    if (words.rotary()) {
-      if (!from.top || !to.top) complain("a rapid turns the table below the machine's top");
+  void rapid(const Block& block, const Place& from, const Place& to) {
+    if (block.rotary()) {
+      if (tcp_ == Tcp::kOn || !from.top || !to.top) complain("a rapid turns the table below the machine's top");
       return;
     }
     if (!measured_ && !to.top) complain("a rapid down before the tool length is set");
-    const bool straight_up = std::isnan(words.x) && std::isnan(words.y) && to.z >= from.z;
+    const bool straight_up = tcp_ != Tcp::kOn && !block.said(0) && !block.said(1) && to.z >= from.z;
     if (straight_up || to.top) return;
     if (!is_high(from) || !is_high(to)) complain("a rapid below the safe plane");
+    if (from.top && tcp_ == Tcp::kOn) {
+      // The way down is straight in the machine only if it follows the spindle.
+      if (!(std::hypot(to.x - from.x, to.y - from.y) <= 2 * kPoseSlack * half_unit_))
+        complain("the way down is not along the spindle");
+    }
   }
 
   // At the machine's top, or the tip at or above the safe plane of the workpiece.
   [[nodiscard]] bool is_high(const Place& place) const {
     if (place.top) return true;
-    const ToolPose pose = forward(machine_, setup_, length_mm_, {place.x, place.y, place.z, place.outer, place.inner});
-    return pose.tip_mm.z() >= motion_.clearance_z_mm - kPlane_mm;  // false for a place not known yet
+    const Vec3 tip = detail::tip_at(machine_, setup_, pass().cutter.length_mm, place.joints());
+    return tip.z() >= pass().clearance_z_mm - kPlane_mm;  // false for a place not known yet
   }
 
-  void feed(const Words& words, const Place&) {
-    if (!dialect_.smoothing_on.empty() && !smooth_) complain("a feed move without G5.1 Q1");
-    if (!dialect_.modes.empty() && !modal_.contains(640)) complain("a feed move without G64 P");
+  void feed(const Block& block) {
+    if (dialect_.smoothing_needed && !smooth_) complain("a feed move without the control's smoothing");
     if (!spindle_) complain("a feed move with the spindle off");
     if (!dwelled_) complain("a feed move before the spindle has had time to start");
     if (!measured_) complain("a feed move before the tool length is set");
-    const std::string& coolant = motion_.cutter.coolant;
-    if (!coolant.empty() && coolant != "none" && !air_) complain("a feed move without " + coolant);
+    if (air_wanted() && !air_) complain("a feed move without " + pass().cutter.coolant);
+    if (tcp_ == Tcp::kOn && dialect_.language == Language::kSiemens && !framed_) {
+      complain("a feed move without ORIWKS ORIAXES");
+    }
     if (inverse_time_) {
-      if (std::isnan(words.f)) complain("a G93 block without F");
-    } else {
+      if (std::isnan(block.f)) complain("a G93 block without F");
+    } else if (!block.has(Order::kTimed)) {
       if (std::isnan(feed_)) complain("a feed move without F");
-      if (words.rotary()) complain("a rotary word in a feed move outside G93");
+      if (block.rotary() && tcp_ != Tcp::kOn) complain("a rotary word in a feed move outside G93");
     }
   }
 
   // The plan, block by block
-  // -------------------------------------------------------------------------------------------
+  // --------------------------------------------------------------------------------------------
 
-  [[nodiscard]] bool is_at(const JointPosition& joints, const Place& place) const {
-    const bool z = place.top ? joints.z_mm == machine_.retract_z_mm : std::abs(joints.z_mm - place.z) <= half_unit_;
-    return z && std::abs(joints.x_mm - place.x) <= half_unit_ && std::abs(joints.y_mm - place.y) <= half_unit_ &&
-           std::abs(joints.outer_rad - place.outer) <= half_unit_ * kDegree &&
-           std::abs(joints.inner_rad - place.inner) <= half_unit_ * kDegree;
+  // Endless axes whose whole turns the control does not count.
+  [[nodiscard]] bool turns_forgotten(const RotaryAxis& axis) const {
+    return endless(axis) && (short_way_ || dialect_.modulo_rotary || dialect_.tcp_ball_centre);
+  }
+  [[nodiscard]] bool is_turned(const JointPosition& joints, const Place& place) const {
+    const auto at = [&](double planned, double said, const RotaryAxis& axis) {
+      const double off = turns_forgotten(axis) ? std::remainder(planned - said, 2 * kPi) : planned - said;
+      return std::abs(off) <= half_unit_ * kDegree;
+    };
+    return at(joints.outer_rad, place.outer, machine_.outer) && at(joints.inner_rad, place.inner, machine_.inner);
   }
 
-  void follow(const Place& from, const Place& to) {
-    const auto& moves = motion_.moves;
+  // The planned pose in what the text says: axes, or the guided point and the angles.
+  [[nodiscard]] bool is_at(const JointPosition& joints, const Place& place) const {
+    if (!is_turned(joints, place)) return false;
+    if (tcp_ == Tcp::kOn) {
+      const Vec3 off = detail::tip_at(machine_, setup_, length_mm_, joints) - place.point;
+      return off.cwiseAbs().maxCoeff() <= half_unit_;
+    }
+    const bool z = place.top ? joints.z_mm == machine_.retract_z_mm : std::abs(joints.z_mm - place.z) <= half_unit_;
+    return z && std::abs(joints.x_mm - place.x) <= half_unit_ && std::abs(joints.y_mm - place.y) <= half_unit_;
+  }
+
+  void follow(const Block& block, const Place& from, const Place& to) {
+    const auto& moves = pass().moves;
     while (next_ < moves.size() && !is_at(moves[next_].joints, to) && is_at(moves[next_].joints, from)) ++next_;
     if (next_ < moves.size() && is_at(moves[next_].joints, to)) {
       const AxisMove& planned = moves[next_];
       if ((planned.kind == MoveKind::kRapid) != (mode_ == 0)) complain("rapid and feed are mixed up");
-      if (mode_ == 1) check_time(planned, from, to);
+      if (mode_ == 1) check_time(planned, block, from, to);
       ++next_;
       return;
     }
-    // The turning half of a block that was split for its short way: the axes of the next planned move, X, Y, Z as before.
-    if (mode_ == 1 && inverse_time_ && next_ < moves.size() && moves[next_].kind != MoveKind::kRapid) {
+    // The turning half of a block that was split for its short way: the axes of the next planned move, X, Y, Z as
+    // before.
+    if (mode_ == 1 && dialect_.least_linear_mm > 0 && next_ < moves.size() && moves[next_].kind != MoveKind::kRapid &&
+        !block.linear()) {
       const JointPosition& j = moves[next_].joints;
-      const bool turned = std::abs(j.outer_rad - to.outer) <= half_unit_ * kDegree &&
-                          std::abs(j.inner_rad - to.inner) <= half_unit_ * kDegree;
-      const bool stood = to.x == from.x && to.y == from.y && to.z == from.z;
-      if (turned && stood && Vec3(j.x_mm - to.x, j.y_mm - to.y, j.z_mm - to.z).norm() < dialect_.least_linear_mm + 2 * half_unit_) {
-        check_time(moves[next_], from, to);
+      const Vec3 rest = tcp_ == Tcp::kOn ? Vec3(detail::tip_at(machine_, setup_, length_mm_, j) - to.point)
+                                         : Vec3(j.x_mm - to.x, j.y_mm - to.y, j.z_mm - to.z);
+      if (is_turned(j, to) && rest.norm() < dialect_.least_linear_mm + 2 * half_unit_) {
+        check_time(moves[next_], block, from, to);
         return;
       }
     }
@@ -445,20 +419,28 @@ class Checker {
                  : "the block does not end where the plan's move " + std::to_string(next_ + 1) + " ends");
   }
 
-  void check_time(const AxisMove& planned, const Place& from, const Place& to) {
-    const double length = std::hypot(to.x - from.x, to.y - from.y, to.z - from.z);
-    // Rounded coordinates change a short block's length; only its time in G93 is exact.
-    const double blur = inverse_time_ ? 0 : 4 * half_unit_ / std::max(length, half_unit_);
-    const double seconds = inverse_time_ ? 60 / feed_ : 60 * length / feed_;
+  void check_time(const AxisMove& planned, const Block& block, const Place& from, const Place& to) {
+    if (block.has(Order::kTimed) || inverse_time_) {
+      const double seconds = inverse_time_ ? 60 / block.f : block.time;
+      const double slower = inverse_time_ ? planned.seconds * (1 + kFeedLoss) : planned.seconds + kTimeLoss_s + 1e-9;
+      if (seconds < planned.seconds * (1 - 1e-6)) complain("F is faster than planned");
+      if (seconds > slower) complain("F is slower than planned");
+      return;
+    }
+    double length =
+        tcp_ == Tcp::kOn ? (to.point - from.point).norm() : std::hypot(to.x - from.x, to.y - from.y, to.z - from.z);
+    if (!block.linear()) length = std::hypot(to.outer - from.outer, to.inner - from.inner) / kDegree;
+    // Rounded coordinates change a short block's length.
+    const double blur = 4 * half_unit_ / std::max(length, half_unit_);
+    const double seconds = 60 * length / feed_;
     if (std::isnan(seconds) || blur > 0.5) return;
     if (seconds < planned.seconds * (1 - 1e-6 - blur)) complain("F is faster than planned");
-    if (seconds > planned.seconds * (1 + kFeedLoss + blur)) complain("F is slower than planned");
+    const double coarse = kFeedLoss + std::pow(10.0, -dialect_.feed_decimals) / feed_;
+    if (seconds > planned.seconds * (1 + coarse + blur)) complain("F is slower than planned");
   }
 
-  void at_end() {
-    if (!ended_) complain("M30 is missing");
-    if (dialect_.percent && percents_ != 2) complain("the program must stand between two lines of %");
-    const auto& moves = motion_.moves;
+  void finish_pass() {
+    const auto& moves = pass().moves;
     while (next_ < moves.size() && next_ > 0 && close(moves[next_].joints, moves[next_ - 1].joints)) ++next_;
     if (next_ < moves.size()) {
       complain("the program ends before the plan's move " + std::to_string(next_ + 1) + " of " +
@@ -466,47 +448,82 @@ class Checker {
     }
   }
 
+  void at_end() {
+    reader_.finish();
+    if (!ended_) complain("M30 is missing");
+    if (dialect_.tcp_ball_centre) check_blank();
+    if (tool_ < 0 || pass_ + 1 < passes_.size()) return complain("a pass is missing");
+    finish_pass();
+  }
+
+  // For the control's graphics: two corners, and the cut within them.
+  void check_blank() {
+    if (blanks_ != 2) return complain("the blank's two corners are missing");
+    bool within = (blank_[1] - blank_[0]).minCoeff() > 0 && blank_[0].z() <= 0;
+    for (const AxisMotion& pass : passes_) {
+      for (const AxisMove& move : pass.moves) {
+        if (move.kind != MoveKind::kCut) continue;
+        const Vec3 tip = detail::tip_at(machine_, setup_, pass.cutter.length_mm, move.joints);
+        within = within && tip.x() > blank_[0].x() && tip.y() > blank_[0].y() && (blank_[1] - tip).minCoeff() > 0;
+      }
+    }
+    if (!within) complain("the blank does not hold the cut");
+  }
+
   // Moves that round to nothing at the end of a plan are not in the text.
   [[nodiscard]] bool close(const JointPosition& a, const JointPosition& b) const {
-    return is_at(a, {b.x_mm, b.y_mm, b.z_mm, b.outer_rad, b.inner_rad, false});
+    return std::abs(a.x_mm - b.x_mm) <= 2 * half_unit_ && std::abs(a.y_mm - b.y_mm) <= 2 * half_unit_ &&
+           std::abs(a.z_mm - b.z_mm) <= 2 * half_unit_ &&
+           std::abs(a.outer_rad - b.outer_rad) <= 2 * half_unit_ * kDegree &&
+           std::abs(a.inner_rad - b.inner_rad) <= 2 * half_unit_ * kDegree;
   }
 
   const MachineModel& machine_;
   const WorkSetup& setup_;
-  const AxisMotion& motion_;
+  std::span<const AxisMotion> passes_;
   const ProgramOptions& options_;
   const detail::Dialect& dialect_;
   double half_unit_;  // half a unit of the last decimal and a little for rounding
+  detail::BlockReader reader_;
 
   std::vector<std::string> faults_;
-  long line_ = 0;
-  double last_n_ = -1;
+  std::vector<bool> wants_tcp_;  // per pass
   // Modal state.
-  std::set<int> modal_;
+  std::uint64_t modal_ = 0, needed_ = 0;
   int mode_ = -1;
   bool inverse_time_ = false;
-  double feed_ = kUnknown;
+  double feed_ = kNotSaid;
   double speed_ = 0;
   double selected_ = -1;
   int tool_ = -1;
   double length_mm_ = 0;
   bool measured_ = false;
+  Tcp tcp_ = Tcp::kUnknown;
+  bool framed_ = false;
   bool spindle_ = false, dwelled_ = false, air_ = false;
   bool risen_ = false;         // the machine has been sent to its top since the start or the tool change
   bool changed_down_ = false;  // went down to a tool change position by machine coordinates
-  bool smooth_ = false;
+  bool smooth_ = false, short_way_ = false;
   bool ended_ = false;
-  int percents_ = 0;
-  Place place_ = unknown_place();
+  int blanks_ = 0;
+  std::array<Vec3, 2> blank_{Vec3::Zero(), Vec3::Zero()};
+  Place place_;
+  std::size_t pass_ = 0;
   std::size_t next_ = 0;  // planned move that the next block must fulfil
 };
 
 }  // namespace
 
 std::vector<std::string> check_program_text(const MachineModel& machine, const WorkSetup& setup,
+                                            std::span<const AxisMotion> passes, std::string_view text,
+                                            const ProgramOptions& options) {
+  return Checker(machine, setup, passes, options).check(text);
+}
+
+std::vector<std::string> check_program_text(const MachineModel& machine, const WorkSetup& setup,
                                             const AxisMotion& motion, std::string_view text,
                                             const ProgramOptions& options) {
-  return Checker(machine, setup, motion, options).check(text);
+  return check_program_text(machine, setup, std::span(&motion, 1), text, options);
 }
 
 }  // namespace lightmill

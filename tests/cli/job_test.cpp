@@ -139,8 +139,7 @@ TEST(Job, ErrorsNameLineKeyAndRule) {
 
 TEST(Job, WhatIsForeseenButNotThereSaysSo) {
   const std::string soon = "not supported yet";
-  for (const char* section : {"[controller]\ntcp = \"on\"\n", "[controller]\ndialect = \"heidenhain\"\n",
-                              "[finish]\nblur_mm = 0.3\n", "[finish]\nstrategy = \"zig_zag\"\n", "[dry_run]\nerror_model = \"x\"\n"}) {
+  for (const char* section : {"[finish]\nblur_mm = 0.3\n", "[finish]\nstrategy = \"zig_zag\"\n", "[dry_run]\nerror_model = \"x\"\n"}) {
     EXPECT_THAT(refusal(kPicture + section), HasSubstr(soon)) << section;
   }
 }

@@ -15,45 +15,24 @@
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/text.h"
-#include "postproc/program_check.h"
-#include "tests/postproc/support.h"
+#include "tests/postproc/programs.h"
 
 namespace lightmill {
 namespace {
 
+using test::faults_of;
+using test::joined;
 using test::kDeg;
+using test::lines_of;
+using test::Made;
+using test::make;
+using test::make_for;
+using test::with_block_numbers;
+using test::with_decimals;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Not;
-
-struct Made {
-  MachineModel machine;
-  WorkSetup setup;
-  ToolPath path;
-  AxisMotion motion;
-  ProgramOptions options;
-  Program program;
-};
-
-Made make(const MachineModel& machine, const WorkSetup& setup, const ToolPath& path,
-          const ProgramOptions& options = {}) {
-  Made made{machine, setup, path, plan_motion(machine, setup, path), options, {}};
-  made.program = write_program(made.machine, made.setup, made.motion, options);
-  return made;
-}
-
-ProgramOptions with_decimals(int decimals) {
-  ProgramOptions options;
-  options.decimals = decimals;
-  return options;
-}
-
-ProgramOptions with_block_numbers(bool on) {
-  ProgramOptions options;
-  options.block_numbers = on;
-  return options;
-}
 
 Made make_fixed(const ProgramOptions& options = {}) {
   const MachineModel machine = test::hostile_machine();
@@ -74,28 +53,13 @@ Made make_turning(const ProgramOptions& options = {}) {
   return make(machine, work_on_table(machine, {23, -17, 30}, 54), test::lead_rows(20 * kDeg, 2, 12), options);
 }
 
-std::vector<std::string> lines_of(const std::string& text) {
-  std::vector<std::string> lines;
-  std::istringstream in(text);
-  for (std::string line; std::getline(in, line);) lines.push_back(line);
-  return lines;
-}
-
-std::string joined(const std::vector<std::string>& lines) {
-  std::string text;
-  for (const std::string& line : lines) text += line + "\n";
-  return text;
-}
-
-std::vector<std::string> faults_of(const Made& made, const std::string& text) {
-  return check_program_text(made.machine, made.setup, made.motion, text, made.options);
-}
-
 TEST(WriteGrblHal, FileNamesSayTheOrder) {
-  EXPECT_EQ(program_file_name("rough"), "10_rough.nc");
-  EXPECT_EQ(program_file_name("semi_finish"), "20_semi_finish.nc");
-  EXPECT_EQ(program_file_name("finish"), "30_finish.nc");
-  EXPECT_EQ(program_file_name("../x y"), "40____x_y.nc");
+  EXPECT_EQ(program_file_name("rough", "grblhal"), "10_rough.nc");
+  EXPECT_EQ(program_file_name("semi_finish", "linuxcnc"), "20_semi_finish.ngc");
+  EXPECT_EQ(program_file_name("finish", "fanuc"), "30_finish.nc");
+  EXPECT_EQ(program_file_name("finish", "heidenhain"), "30_FINISH.H");
+  EXPECT_EQ(program_file_name("finish", "siemens"), "LM_30_FINISH.MPF") << "two letters first";
+  EXPECT_EQ(program_file_name("../x y", "grblhal"), "40____x_y.nc");
 }
 
 TEST(WriteGrblHal, GoldenHeaderAndFooter) {
@@ -343,158 +307,6 @@ TEST(CheckProgramText, KnowsTheRules) {
   EXPECT_THAT(with(good.substr(f, good.find('\n', f) - f), " F999999"), HasSubstr("faster than planned"));
   EXPECT_THAT(with("M5 M9\nG53 G0 Z0\n", "M5 M9\nG53 G0 Z-5\n"), HasSubstr("after the last"));
   EXPECT_THAT(with("G53 G0 X-240", "G53 G0 X-251"), HasSubstr("leaves the machine's travel"));
-}
-
-// Other dialects -------------------------------------------------------------------------------------------------------
-
-std::string blocks_between(const Made& made, const std::string& first, const std::string& last) {
-  std::vector<std::string> blocks;
-  for (const std::string& line : lines_of(made.program.text)) {
-    if (line.front() != '(') blocks.push_back(line);
-  }
-  const auto begin = std::find(blocks.begin(), blocks.end(), first);
-  return joined({begin, std::find(begin, blocks.end(), last)});
-}
-
-Made make_for(const std::string& controller, bool turning) {
-  MachineModel machine = test::hostile_machine();
-  machine.controller = controller;
-  const WorkSetup setup = work_on_table(machine, {23, -17, 30}, 54);
-  return make(machine, setup, turning ? test::lead_rows(20 * kDeg, 2, 5) : test::fixed_rows(30 * kDeg, 70 * kDeg, 2, 8),
-              with_decimals(4));
-}
-
-TEST(Dialects, GoldenLinuxCnc) {
-  const Made made = make_for("linuxcnc", true);
-  EXPECT_EQ(made.program.file_name, "30_finish.ngc");
-  EXPECT_TRUE(made.program.text.starts_with("%\n("));
-  EXPECT_EQ(blocks_between(made, "G21 G90 G94 G17 G40 G49 G80 G54 G64 P0.002", "G93"),
-            "G21 G90 G94 G17 G40 G49 G80 G54 G64 P0.002\nG53 G0 Z0\nG53 G0 X-240 Y115\nT3 M6\nS36000 M3\nG4 P8\nM7\n"
-            "G53 G0 Z0\nG43 H3\n");
-  EXPECT_THAT(made.program.text, testing::EndsWith("G94\nM5 M9\nG53 G0 Z0\nG0 B0 C0\nG49\nM30\n%\n"));
-}
-
-TEST(Dialects, GoldenFanuc) {
-  const Made made = make_for("fanuc", true);
-  EXPECT_TRUE(made.program.text.starts_with("%\nO0030\n(LIGHTMILL"));
-  EXPECT_EQ(blocks_between(made, "G21 G90 G94 G17 G40 G49 G80 G54", "G93"),
-            "G21 G90 G94 G17 G40 G49 G80 G54\nG53 G0 Z0.\nG53 G0 X-240. Y115.\nT3 M6\nS36000 M3\nG4 P8000\nM7\n"
-            "G53 G0 Z0.\nG43 H3\nG5.1 Q1\n");
-  EXPECT_THAT(made.program.text,
-              testing::EndsWith("G94\nG5.1 Q0\nM5\nM9\nG53 G0 Z0.\nG0 B0. C0.\nG49\nM30\n%\n"));
-}
-
-// The finished text is what is judged: every line left out and every sign turned is noticed, in every dialect.
-TEST(Dialects, MutationsAreCaught) {
-  for (const DialectFacts& dialect : dialects()) {
-    for (const bool turning : {false, true}) {
-      const Made made = make_for(dialect.name, turning);
-      EXPECT_THAT(faults_of(made, made.program.text), IsEmpty());
-      const std::vector<std::string> lines = lines_of(made.program.text);
-      for (std::size_t i = 0; i < lines.size(); ++i) {
-        // All of header and footer, samples of the cut: the test above goes through a whole one.
-        const bool inside = i > 45 && i + 20 < lines.size();
-        if (lines[i].front() == '(' || (inside && i % 11 != 0)) continue;
-        std::vector<std::string> changed = lines;
-        changed.erase(changed.begin() + static_cast<long>(i));
-        EXPECT_THAT(faults_of(made, joined(changed)), Not(IsEmpty())) << dialect.name << " without " << lines[i];
-        for (const char axis : {'X', 'Y', 'Z', 'B', 'C'}) {
-          const std::size_t at = lines[i].find(axis);
-          if (at == std::string::npos || lines[i][at + 1] == '0') continue;
-          changed = lines;
-          if (lines[i][at + 1] == '-') {
-            changed[i].erase(at + 1, 1);
-          } else {
-            changed[i].insert(at + 1, "-");
-          }
-          EXPECT_THAT(faults_of(made, joined(changed)), Not(IsEmpty())) << dialect.name << ": " << changed[i];
-        }
-      }
-    }
-  }
-}
-
-TEST(Dialects, EveryMachineFileGetsAProgram) {
-  for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines")) {
-    const MachineModel machine = read_machine(entry.path());
-    ToolPath path = test::fixed_rows(0, 0, 2, 9);
-    path.spindle_rpm = std::min(path.spindle_rpm, machine.max_spindle_rpm);
-    const Made made = make(machine, work_on_table(machine, {12, -17, 30}, 54), path, with_decimals(4));
-    EXPECT_GT(made.program.blocks, 30u) << entry.path();
-  }
-}
-
-TEST(Dialects, ThreeAxesHaveNoRotaryWordAndPark) {
-  const MachineModel machine = read_machine(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines/router_grblhal.toml");
-  const WorkSetup setup = work_on_table(machine, {0, 0, 30}, 54);
-  ToolPath path = test::fixed_rows(0, 0, 2, 9);
-  path.spindle_rpm = 20000;
-  const Made made = make(machine, setup, path);
-  for (const std::string& line : lines_of(made.program.text)) {
-    if (line.front() == '(') continue;
-    EXPECT_EQ(line.find_first_of("ABC"), std::string::npos) << line;
-  }
-  EXPECT_THAT(made.program.text, HasSubstr("G53 G0 X-190 Y190\nG49\nM30"));
-  EXPECT_THROW(plan_motion(machine, setup, test::fixed_rows(0.2, 0, 2, 9)), InputError);
-  EXPECT_THROW(plan_motion(machine, setup, test::lead_rows(0.2, 2, 9)), InputError);
-}
-
-// A fork head on a table machine's travels: the plan keeps the tip on its line also where the head carries the tool.
-TEST(Dialects, HeadsTurnInTheCut) {
-  for (const Chain chain : {Chain::kHeadTable, Chain::kHeadHead}) {
-    MachineModel machine = test::hostile_machine();
-    machine.chain = chain;
-    machine.outer.on_head = true;
-    machine.inner.on_head = chain == Chain::kHeadHead;
-    machine.outer.direction = 1;
-    machine.outer.point_mm = {3, -2, 40};
-    if (machine.inner.on_head) machine.inner.point_mm = {-5, 4, 0};
-    if (machine.inner.on_head) machine.inner.direction = 1;
-    const WorkSetup setup = work_on_table(machine, {23, -17, 100}, 54);
-    const Made made = make(machine, setup, test::lead_rows(20 * kDeg, 2, 12));
-    EXPECT_GT(made.motion.max_tip_error_um, 0);
-    EXPECT_LE(made.motion.max_tip_error_um, 0.2);
-    const ToolPose end = forward(machine, setup, 85, made.motion.moves.back().joints);
-    EXPECT_LT((end.tip_mm - made.path.moves.back().pose.tip_mm).norm(), 1e-9);
-    EXPECT_LT((end.axis - made.path.moves.back().pose.axis).norm(), 1e-9);
-  }
-}
-
-TEST(Dialects, PositioningMachinesDoNotTurnInTheCut) {
-  MachineModel machine = test::hostile_machine();
-  machine.simultaneous = false;
-  const WorkSetup setup = work_on_table(machine, {12, -17, 30}, 54);
-  EXPECT_NO_THROW(plan_motion(machine, setup, test::fixed_rows(0.3, 1, 2, 9)));
-  EXPECT_THROW(plan_motion(machine, setup, test::lead_rows(0.3, 2, 9)), InputError);
-}
-
-TEST(Dialects, RefuseWhatTheyCannotWrite) {
-  MachineModel machine = test::hostile_machine();
-  const WorkSetup setup = work_on_table(machine, {12, -17, 30}, 55);
-  machine.controller = "siemens";
-  EXPECT_THROW(make(machine, setup, test::fixed_rows(0.3, 1, 1, 3)), InputError);
-  machine.controller = "fanuc";
-  EXPECT_THROW(make(machine, setup, test::fixed_rows(0.3, 1, 1, 3), with_decimals(5)), InputError);
-}
-
-// Below 1 um of X, Y, Z LinuxCNC 2.9 takes the wrong time for a G93 block that turns.
-TEST(Dialects, LinuxCncTurnsAndMovesApartWhereTheWayIsTiny) {
-  Made made = make_for("linuxcnc", true);
-  auto& moves = made.motion.moves;
-  const auto cut = std::find_if(moves.begin(), moves.end(), [](const AxisMove& m) { return m.kind == MoveKind::kCut; });
-  AxisMove tiny = *cut;
-  tiny.joints.inner_rad += 1 * kDeg;
-  tiny.joints.z_mm += 4e-4;
-  tiny.seconds = 0.5;
-  moves.insert(cut + 1, tiny);
-  made.program = write_program(made.machine, made.setup, made.motion, made.options);
-  const auto lines = lines_of(made.program.text);
-  const auto turn = std::find_if(lines.begin(), lines.end(), [](const std::string& line) {
-    return line.front() == 'C' && line.ends_with(" F120");
-  });
-  ASSERT_NE(turn, lines.end());
-  EXPECT_EQ((turn + 1)->front(), 'Z');
-  EXPECT_THAT(*(turn + 1), testing::EndsWith(" F120"));
 }
 
 // A second interpreter, not ours: LinuxCNC's --------------------------------------------------------------------------

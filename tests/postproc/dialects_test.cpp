@@ -1,0 +1,354 @@
+// Every dialect: golden headers and footers, the controls' traps, and mutations of the finished text.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cstdlib>
+#include <filesystem>
+
+#include "design/core/errors.h"
+#include "design/core/files.h"
+#include "design/core/text.h"
+#include "tests/postproc/programs.h"
+
+namespace lightmill {
+namespace {
+
+using test::faults_of;
+using test::joined;
+using test::kDeg;
+using test::lines_of;
+using test::Made;
+using test::make;
+using test::make_for;
+using test::with_decimals;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+
+struct Case {
+  std::string controller;
+  bool tcp;
+  bool turning;
+  [[nodiscard]] std::string name() const {
+    return controller + (tcp ? "_tcp" : "") + (turning ? "_turning" : "_fixed");
+  }
+};
+
+std::vector<Case> all_cases() {
+  std::vector<Case> cases;
+  for (const DialectFacts& dialect : dialects()) {
+    for (const bool tcp : {false, true}) {
+      for (const bool turning : {false, true}) {
+        const bool no_time_word = dialect.name == "heidenhain_iso" && turning && !tcp;
+        if ((!tcp || dialect.tcp) && !no_time_word) cases.push_back({dialect.name, tcp, turning});
+      }
+    }
+  }
+  return cases;
+}
+
+class EveryDialect : public testing::TestWithParam<Case> {
+ protected:
+  [[nodiscard]] static Made made() { return make_for(GetParam().controller, GetParam().turning, GetParam().tcp); }
+};
+
+INSTANTIATE_TEST_SUITE_P(Controls, EveryDialect, testing::ValuesIn(all_cases()),
+                         [](const auto& it) { return it.param.name(); });
+
+bool feeds(const std::string& line) {
+  if (test::is_comment(line) || line.find("G4 ") != std::string::npos || line.find("G04") != std::string::npos)
+    return false;
+  const std::size_t f = line.find(" F");
+  return f != std::string::npos && (std::isdigit(static_cast<unsigned char>(line[f + 2])) != 0 || line[f + 2] == 'T');
+}
+
+// Header, the first block that feeds, and footer, as in the golden file (LIGHTMILL_WRITE_GOLDEN=1 writes it anew: look
+// at the difference before you keep it).
+TEST_P(EveryDialect, HeaderAndFooterAreGolden) {
+  const std::vector<std::string> lines = lines_of(made().program.text);
+  const auto first = std::find_if(lines.begin(), lines.end(), feeds);
+  const auto last = std::find_if(lines.rbegin(), lines.rend(), feeds).base();
+  std::vector<std::string> around(lines.begin(), first + 1);
+  around.emplace_back("...");
+  around.insert(around.end(), last, lines.end());
+  std::string text = joined(around);
+  const std::string version = LIGHTMILL_VERSION;
+  text.replace(text.find(version), version.size(), "VERSION");
+  const std::filesystem::path golden =
+      std::filesystem::path(LIGHTMILL_SOURCE_DIR) / "tests/postproc/golden" / (GetParam().name() + ".txt");
+  if (std::getenv("LIGHTMILL_WRITE_GOLDEN") != nullptr) write_whole(golden, text);
+  EXPECT_EQ(text, read_whole(golden));
+}
+
+// The finished text is what is judged: every line left out, every sign turned, every digit changed in header and
+// footer, and samples of the cut. Block numbers are set right again.
+TEST_P(EveryDialect, NoticesMutations) {
+  const Made good = made();
+  EXPECT_THAT(faults_of(good, good.program.text), IsEmpty());
+  const std::vector<std::string> lines = lines_of(good.program.text);
+  ASSERT_EQ(test::renumbered(lines, GetParam().controller), good.program.text);
+  const auto noticed = [&](const std::vector<std::string>& changed, const std::string& what) {
+    EXPECT_THAT(faults_of(good, test::renumbered(changed, GetParam().controller)), Not(IsEmpty())) << what;
+  };
+  int mutations = 0;
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    const bool inside = i > 45 && i + 20 < lines.size();
+    if (test::is_comment(lines[i]) || (inside && i % 23 != 0)) continue;
+    std::vector<std::string> changed = lines;
+    changed.erase(changed.begin() + static_cast<long>(i));
+    noticed(changed, "without " + lines[i]);
+    ++mutations;
+    for (const char axis : {'X', 'Y', 'Z', 'B', 'C'}) {
+      const std::size_t at = lines[i].find(std::string(" ") + axis);
+      const std::size_t sign = at == std::string::npos ? (lines[i].front() == axis ? 1 : std::string::npos) : at + 2;
+      if (sign == std::string::npos || lines[i].size() <= sign + 1) continue;
+      const char c = lines[i][sign];
+      const bool zero = lines[i].find_first_of("123456789", sign) > lines[i].find_first_of(" \r", sign);
+      if (zero || (c != '+' && c != '-' && std::isdigit(static_cast<unsigned char>(c)) == 0)) continue;
+      changed = lines;
+      if (c == '-') {
+        changed[i].replace(sign, 1, good.program.text.find('+') != std::string::npos ? "+" : "");
+      } else if (c == '+') {
+        changed[i][sign] = '-';
+      } else {
+        changed[i].insert(sign, "-");
+      }
+      noticed(changed, lines[i] + " -> " + changed[i]);
+      ++mutations;
+    }
+  }
+  EXPECT_GT(mutations, 50);
+}
+
+std::string refusal(const Made& made, const std::string& find, const std::string& replace) {
+  std::string text = made.program.text;
+  const std::size_t at = text.find(find);
+  if (at == std::string::npos) return "'" + find + "' is not there";
+  text.replace(at, find.size(), replace);
+  const auto faults = faults_of(made, test::renumbered(lines_of(text), made.machine.controller));
+  return faults.empty() ? "accepted" : joined(faults);
+}
+
+// M128: the length reaches to the ball's centre; off before the tool call and before machine coordinates.
+TEST(HeidenhainTraps, M128) {
+  const Made made = make_for("heidenhain", true, true);
+  EXPECT_THAT(refusal(made, " DL-2", ""), HasSubstr("DL does not take"));
+  EXPECT_THAT(refusal(made, " DL-2", " DL+2"), HasSubstr("DL does not take"));
+  EXPECT_THAT(refusal(made, "M129\r\n", "M3\r\n"), HasSubstr("before tool-centre-point control is off"));
+  const std::size_t off = made.program.text.rfind("M129");
+  std::string on = made.program.text;
+  on.replace(off, 4, "M128");
+  EXPECT_THAT(joined(faults_of(made, on)), HasSubstr("machine coordinates before tool-centre-point control is off"));
+  EXPECT_THAT(refusal(made, "S36000 DL-2", "S36000 DL-2 M128"), HasSubstr("no place"));
+
+  // Under M128 the words are the ball's centre: one radius up the tool from the tip.
+  const auto& cut = *std::find_if(made.path.moves.begin(), made.path.moves.end(),
+                                  [](const Move& m) { return m.kind == MoveKind::kPlunge; });
+  const Vec3 centre = cut.pose.tip_mm + 2 * cut.pose.axis;
+  EXPECT_THAT(made.program.text, HasSubstr(" L Z+" + compact(centre.z(), 4) + " F300"));
+
+  MachineModel machine = made.machine;
+  ToolPath path = made.path;
+  path.cutter.corner_radius_mm = 0.5;
+  ProgramOptions options = made.options;
+  EXPECT_THROW(make(machine, made.setup, path, options), InputError) << "ball cutters only";
+  ToolPath fixed = test::fixed_rows(30 * kDeg, 70 * kDeg, 2, 8);
+  fixed.cutter.corner_radius_mm = 0.5;
+  EXPECT_THAT(make(machine, made.setup, fixed, options).program.text, Not(HasSubstr("M128")));
+}
+
+TEST(HeidenhainTraps, TimesAreWholeMillisecondsAndNotShorter) {
+  const Made made = make_for("heidenhain", true);
+  EXPECT_THAT(made.program.text, HasSubstr(" FT0.0"));
+  const std::size_t at = made.program.text.find(" FT");
+  const std::string word = made.program.text.substr(at, made.program.text.find('\r', at) - at);
+  EXPECT_THAT(refusal(made, word, " FT0.001"), HasSubstr("faster than planned"));
+  EXPECT_THAT(refusal(made, word, ""), HasSubstr("without F"));
+  try {
+    make_for("heidenhain_iso", true);
+    FAIL();
+  } catch (const InputError& e) {
+    EXPECT_THAT(e.what(), HasSubstr("tcp"));
+  }
+}
+
+TEST(HeidenhainTraps, FrameAndNumbers) {
+  const Made made = make_for("heidenhain", false);
+  EXPECT_EQ(made.program.file_name, "30_FINISH.H");
+  EXPECT_THAT(refusal(made, "END PGM 30_FINISH", "END PGM 20_FINISH"), HasSubstr("names another program"));
+  std::string text = made.program.text;
+  text.erase(text.find("25 M3\r\n"), 7);
+  EXPECT_THAT(joined(faults_of(made, text)), HasSubstr("block number 25 expected"));
+  text = made.program.text;
+  text.erase(text.find('\r'), 1);
+  EXPECT_THAT(joined(faults_of(made, text)), HasSubstr("carriage return"));
+  EXPECT_THAT(refusal(made, "T0.002", "T0.02"), HasSubstr("tolerance"));
+}
+
+TEST(SiemensTraps, TraoriAndLength) {
+  const Made made = make_for("siemens", true, true);
+  EXPECT_THAT(refusal(made, "D1\n", ""), HasSubstr("tool length"));
+  EXPECT_THAT(refusal(made, "SUPA G0 Z0 D0", "SUPA G0 Z0"), HasSubstr("without D0")) << "SUPA keeps the tool's length";
+  EXPECT_THAT(refusal(made, "TRAORI\nG54\n", "TRAORI\n"), HasSubstr("safe modes"));
+  EXPECT_THAT(refusal(made, "ORIWKS ORIAXES\n", ""), HasSubstr("ORIWKS"));
+  EXPECT_THAT(refusal(made, "=DC(", "=AC("), HasSubstr("not words"));
+}
+
+TEST(Tcp, OnlyWhereTheMachineHasIt) {
+  MachineModel machine = test::hostile_machine();
+  machine.controller = "fanuc";
+  ProgramOptions options = with_decimals(4);
+  options.tcp = true;
+  const WorkSetup setup = work_on_table(machine, {23, -17, 30}, 54);
+  try {
+    make(machine, setup, test::fixed_rows(0.3, 1, 2, 9), options);
+    FAIL();
+  } catch (const InputError& e) {
+    EXPECT_THAT(e.what(), HasSubstr("[controller] tcp = true"));
+  }
+}
+
+// Rotary positions do not depend on where the part stands; under TCP nothing does.
+TEST(Tcp, TheProgramDoesNotKnowWhereTheWorkStands) {
+  for (const char* controller : {"linuxcnc", "fanuc", "siemens", "heidenhain", "heidenhain_iso"}) {
+    Made made = make_for(controller, true, true);
+    const auto cut = [](const Made& m) {
+      std::string text;
+      for (const std::string& line : lines_of(m.program.text)) {
+        if (feeds(line)) text += line.substr(line.find(' ')) + "\n";
+      }
+      return text;
+    };
+    const std::string before = cut(made);
+    EXPECT_GT(before.size(), 100u);
+    made.setup.origin_mm += Vec3(-31, 22, 7);
+    made.machine.outer.point_mm += Vec3(1, 2, 3);
+    const Made moved = make(made.machine, made.setup, made.path, made.options);
+    // Subdivision follows the pivots; the programmed ends of the path's moves are in both.
+    const auto last = [](const std::string& text) { return text.substr(text.rfind('\n', text.size() - 2) + 1); };
+    EXPECT_EQ(last(before), last(cut(moved))) << controller;
+  }
+}
+
+// One program for two tools: the second tool's length, speed and zero of the plan are its own.
+TEST(WholeProgram, ChangesToolsBetweenPasses) {
+  for (const Case& c : all_cases()) {
+    MachineModel machine = test::hostile_machine();
+    machine.controller = c.controller;
+    machine.has_tcp = c.tcp;
+    machine.tool_change_mm.z() = -20;
+    const WorkSetup setup = work_on_table(machine, {23, -17, 30}, 54);
+    ToolPath second = c.turning ? test::lead_rows(20 * kDeg, 1, 4) : test::fixed_rows(30 * kDeg, 70 * kDeg, 1, 5);
+    second.pass = "semi_finish";
+    second.cutter.number = 7;
+    second.cutter.length_mm = 92;
+    second.spindle_rpm = 20000;
+    const std::vector<AxisMotion> passes{plan_motion(machine, setup, test::fixed_rows(0.2, 1, 1, 5)),
+                                         plan_motion(machine, setup, second)};
+    ProgramOptions options = with_decimals(4);
+    options.tcp = c.tcp;
+    const Program program = write_program(machine, setup, passes, options);
+    EXPECT_THAT(program.text, HasSubstr(c.controller.starts_with("heidenhain") ? "20000" : "S20000 M3"));
+    EXPECT_THAT(check_program_text(machine, setup, passes, program.text, options), IsEmpty()) << c.name();
+    // Lines of the change left out.
+    const std::vector<std::string> lines = lines_of(program.text);
+    const auto change = std::find_if(lines.begin() + 40, lines.end(),
+                                     [](const std::string& l) { return l.find("M5") != std::string::npos; });
+    for (auto at = change; at < change + 12 && at < lines.end(); ++at) {
+      std::vector<std::string> changed = lines;
+      changed.erase(changed.begin() + (at - lines.begin()));
+      EXPECT_THAT(check_program_text(machine, setup, passes, test::renumbered(changed, c.controller), options),
+                  Not(IsEmpty()))
+          << c.name() << " without " << *at;
+    }
+  }
+}
+
+TEST(Dialects, EveryMachineFileGetsAProgram) {
+  for (const auto& entry :
+       std::filesystem::directory_iterator(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines")) {
+    const MachineModel machine = read_machine(entry.path());
+    ToolPath path = test::fixed_rows(0, 0, 2, 9);
+    path.spindle_rpm = std::min(path.spindle_rpm, machine.max_spindle_rpm);
+    const Made made = make(machine, work_on_table(machine, {12, -17, 30}, 54), path, with_decimals(4));
+    EXPECT_GT(made.program.blocks, 30u) << entry.path();
+  }
+}
+
+TEST(Dialects, ThreeAxesHaveNoRotaryWordAndPark) {
+  const MachineModel machine = read_machine(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines/router_grblhal.toml");
+  const WorkSetup setup = work_on_table(machine, {0, 0, 30}, 54);
+  ToolPath path = test::fixed_rows(0, 0, 2, 9);
+  path.spindle_rpm = 20000;
+  const Made made = make(machine, setup, path);
+  for (const std::string& line : lines_of(made.program.text)) {
+    if (line.front() == '(') continue;
+    EXPECT_EQ(line.find_first_of("ABC"), std::string::npos) << line;
+  }
+  EXPECT_THAT(made.program.text, HasSubstr("G53 G0 X-190 Y190\nG49\nM30"));
+  EXPECT_THROW(plan_motion(machine, setup, test::fixed_rows(0.2, 0, 2, 9)), InputError);
+  EXPECT_THROW(plan_motion(machine, setup, test::lead_rows(0.2, 2, 9)), InputError);
+}
+
+// A fork head on a table machine's travels: the plan keeps the tip on its line also where the head carries the tool.
+TEST(Dialects, HeadsTurnInTheCut) {
+  for (const Chain chain : {Chain::kHeadTable, Chain::kHeadHead}) {
+    MachineModel machine = test::hostile_machine();
+    machine.chain = chain;
+    machine.outer.on_head = true;
+    machine.inner.on_head = chain == Chain::kHeadHead;
+    machine.outer.direction = 1;
+    machine.outer.point_mm = {3, -2, 40};
+    if (machine.inner.on_head) machine.inner.point_mm = {-5, 4, 0};
+    if (machine.inner.on_head) machine.inner.direction = 1;
+    const WorkSetup setup = work_on_table(machine, {23, -17, 100}, 54);
+    const Made made = make(machine, setup, test::lead_rows(20 * kDeg, 2, 12));
+    EXPECT_GT(made.motion.max_tip_error_um, 0);
+    EXPECT_LE(made.motion.max_tip_error_um, 0.2);
+    const ToolPose end = forward(machine, setup, 85, made.motion.moves.back().joints);
+    EXPECT_LT((end.tip_mm - made.path.moves.back().pose.tip_mm).norm(), 1e-9);
+    EXPECT_LT((end.axis - made.path.moves.back().pose.axis).norm(), 1e-9);
+  }
+}
+
+TEST(Dialects, PositioningMachinesDoNotTurnInTheCut) {
+  MachineModel machine = test::hostile_machine();
+  machine.simultaneous = false;
+  const WorkSetup setup = work_on_table(machine, {12, -17, 30}, 54);
+  EXPECT_NO_THROW(plan_motion(machine, setup, test::fixed_rows(0.3, 1, 2, 9)));
+  EXPECT_THROW(plan_motion(machine, setup, test::lead_rows(0.3, 2, 9)), InputError);
+}
+
+TEST(Dialects, RefuseWhatTheyCannotWrite) {
+  MachineModel machine = test::hostile_machine();
+  const WorkSetup setup = work_on_table(machine, {12, -17, 30}, 55);
+  machine.controller = "sinumerik";
+  EXPECT_THROW(make(machine, setup, test::fixed_rows(0.3, 1, 1, 3)), InputError);
+  machine.controller = "fanuc";
+  EXPECT_THROW(make(machine, setup, test::fixed_rows(0.3, 1, 1, 3), with_decimals(5)), InputError);
+}
+
+// Below 1 um of X, Y, Z LinuxCNC 2.9 takes the wrong time for a G93 block that turns.
+TEST(Dialects, LinuxCncTurnsAndMovesApartWhereTheWayIsTiny) {
+  Made made = make_for("linuxcnc", true);
+  auto& moves = made.motion.moves;
+  const auto cut = std::find_if(moves.begin(), moves.end(), [](const AxisMove& m) { return m.kind == MoveKind::kCut; });
+  AxisMove tiny = *cut;
+  tiny.joints.inner_rad += 1 * kDeg;
+  tiny.joints.z_mm += 4e-4;
+  tiny.seconds = 0.5;
+  moves.insert(cut + 1, tiny);
+  made.program = write_program(made.machine, made.setup, made.motion, made.options);
+  const auto lines = lines_of(made.program.text);
+  const auto turn = std::find_if(lines.begin(), lines.end(), [](const std::string& line) {
+    return line.front() == 'C' && line.ends_with(" F120");
+  });
+  ASSERT_NE(turn, lines.end());
+  EXPECT_EQ((turn + 1)->front(), 'Z');
+  EXPECT_THAT(*(turn + 1), testing::EndsWith(" F120"));
+}
+
+}  // namespace
+}  // namespace lightmill
