@@ -169,14 +169,9 @@ StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor
 }
 
 StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& monitor) {
-  if (!is_plain_source(job.lens, job.light.beam, job.receiver)) {
-    throw InputError(
-        "the surface is not supported yet for this source light: use kind = \"parallel\", direction = [0, 0, 1] and profile = "
-        "\"uniform\" in [light], a rectangle or disk with base = \"flat\" in [lens], no shift or tilt in [receiver]; or stop "
-        "with make --until transport");
-  }
   const TransportMap map = read_map(folder);
-  const OpticalSurface surface = solve_surface(job.lens, job.receiver, map, job.surface, monitor.part(0, 0.9));
+  const Scene scene = scene_of(job);
+  const OpticalSurface surface = solve_surface(scene.lens, scene.light, job.receiver, map, job.surface, monitor.part(0, 0.9));
   write_ply(folder.file("design/surface.ply"), surface.mesh);
 
   // Light through the surface as designed.
@@ -184,7 +179,7 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
   BeamOptions options = beam_options(job);
   options.pixels = kPicturePixels;
   const CastLight cast =
-      cast_light(surface.mesh, scene_of(job), job.receiver, target.extent, job.light.dispersion, options, monitor.part(0.9, 1));
+      cast_light(surface.mesh, scene, job.receiver, target.extent, job.light.dispersion, options, monitor.part(0.9, 1));
   const Caustic& caustic = cast.caustic;
   const CausticMeasures measures = measure_caustic(caustic, target);
   write_light_picture(folder.file("design/caustic.png"), cast, job.receiver.viewed_from, display_white(target));
@@ -206,6 +201,9 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
                                         {"outer_iterations", s.outer_iterations},
                                         {"energy_history", s.energy_history},
                                         {"inverted_triangles", s.inverted_triangles},
+                                        {"held_back_vertices", s.held_back_vertices},
+                                        {"sliding_vertices", s.sliding_vertices},
+                                        {"unmapped_vertices", s.unmapped_vertices},
                                         {"height_range_mm", s.height_range_mm},
                                         {"min_concave_radius_mm", s.min_concave_radius_mm},
                                         {"final_height_change_mm", s.final_height_change_mm},

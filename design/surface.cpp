@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <unordered_map>
 #include <utility>
 
 #include "design/core/errors.h"
@@ -13,8 +14,11 @@
 #include "design/detail/compound_energy.h"
 #include "design/detail/fresnel.h"
 #include "design/detail/height_field.h"
-#include "design/detail/natural_neighbour.h"
+#include "design/detail/map_interpolation.h"
+#include "design/detail/near_border.h"
 #include "design/detail/one_ring.h"
+#include "design/detail/outline_mesh.h"
+#include "design/detail/vertex_light.h"
 
 namespace lightmill {
 
@@ -24,23 +28,18 @@ using detail::CompoundEnergy;
 using detail::Freedom;
 using detail::HeightIntegrator;
 using detail::OneRing;
+using detail::VertexLight;
 
 constexpr int kFirstGuessTurns = 60;           // of Fresnel mapping and integration; each gains about a digit
 constexpr double kFirstGuessTolerance = 1e-9;  // mm
 
-/// How a turn minimises: the target normals move on between turns, so that none needs to be driven to its end.
-struct Pace {
-  int steps;
-  double trust_radius;
-};
+/// The target normals move on between turns, so that none needs to be driven to its end.
+constexpr int kSlidingSteps = 5;
+/// A vertex that slides into a crease changes its normals by much: undamped steps overshoot and are refused.
+constexpr double kSlidingTrustRadius = 10;
 /// Heights of the lens's own size are softer than those of single vertices by (mesh size)^2: any damping would hold
 /// them.
-constexpr Pace kHeightsOnly{3, 1e10};
-/// A vertex that slides into a crease changes its normals by much: undamped steps overshoot and are refused.
-constexpr Pace kSliding{5, 10};
-/// The same with fewer steps when so many vertices slide that one costs what the whole stage should.
-constexpr Pace kMuchSliding{3, 10};
-constexpr double kMuch = 0.3;
+constexpr double kEverywhereTrustRadius = 1e10;
 
 SurfaceMesh grid_mesh(const Lens& lens, int longer) {
   const double pitch = lens.size_mm.maxCoeff() / (longer - 1);
@@ -99,9 +98,77 @@ SurfaceMesh disk_mesh(const Lens& lens, int longer) {
   return mesh;
 }
 
-double minmod(double a, double b) {
-  if (a * b <= 0) return 0;
-  return std::abs(a) < std::abs(b) ? a : b;
+/// A square grid inside, a little off the outline; Delaunay triangles between the two.
+SurfaceMesh outlined_mesh(const Lens& lens, int longer) {
+  constexpr double kOff = 0.6;        // of the pitch, that the grid keeps off the outline: no slivers
+  constexpr double kLongest = 1.5;    // of the pitch: the diagonals of the grid's squares pass
+  const double pitch = lens.size_mm.maxCoeff() / (longer - 1);
+  std::vector<std::vector<Vec2>> loops;
+  std::vector<detail::Segment> border;
+  Box2 box;
+  for (const auto& loop : lens.outline_mm) {
+    loops.push_back(detail::resampled(loop, pitch));
+    for (std::size_t k = 0; k < loops.back().size(); ++k) {
+      border.push_back({loops.back()[k], loops.back()[(k + 1) % loops.back().size()]});
+      box.include(loops.back()[k]);
+    }
+  }
+  SurfaceMesh mesh;
+  if (border.empty()) return mesh;
+  const detail::NearBorder near_border(border, kOff * pitch);
+  const int columns = static_cast<int>(std::ceil(box.size().x() / pitch)) + 1;
+  const int rows = static_cast<int>(std::ceil(box.size().y() / pitch)) + 1;
+  const auto place = [&](int i, int j) { return Vec2(box.min.x() + i * pitch, box.min.y() + j * pitch); };
+  std::vector<Vec2> inner;
+  for (int j = 0; j < rows; ++j) {
+    // Where the row crosses the outline, in order: inside is between odd and even.
+    const double y = place(0, j).y();
+    std::vector<double> crossings;
+    for (const auto& [a, b] : border) {
+      if ((a.y() > y) != (b.y() > y)) crossings.push_back(a.x() + (y - a.y()) / (b.y() - a.y()) * (b.x() - a.x()));
+    }
+    std::sort(crossings.begin(), crossings.end());
+    for (int i = 0; i < columns; ++i) {
+      const Vec2 p = place(i, j);
+      const auto before = std::lower_bound(crossings.begin(), crossings.end(), p.x()) - crossings.begin();
+      if (before % 2 == 1 && !near_border.near(p)) inner.push_back(p);
+    }
+  }
+  const detail::PlanarMesh plane = detail::outline_mesh(loops, kLongest * pitch, inner);
+  mesh.triangles = plane.triangles;
+  // The diagonals of whole squares alternate, as in a rectangle's grid; Delaunay's are anybody's guess.
+  std::vector<int> square_of(plane.vertices.size(), -1);
+  std::vector<int> column(plane.vertices.size()), row(plane.vertices.size());
+  for (std::size_t v = 0; v < plane.vertices.size(); ++v) {
+    const Vec2& p = plane.vertices[v];
+    mesh.vertices.emplace_back(p.x(), p.y(), lens.thickness_mm);
+    column[v] = static_cast<int>(std::lround((p.x() - box.min.x()) / pitch));
+    row[v] = static_cast<int>(std::lround((p.y() - box.min.y()) / pitch));
+    if (p == place(column[v], row[v])) square_of[v] = row[v] * columns + column[v];
+  }
+  std::unordered_map<int, std::array<int, 2>> squares;  // lower left node: its triangles
+  for (std::size_t k = 0; k < mesh.triangles.size(); ++k) {
+    const auto& t = mesh.triangles[k];
+    if (square_of[t[0]] < 0 || square_of[t[1]] < 0 || square_of[t[2]] < 0) continue;
+    const auto [left, right] = std::minmax({column[t[0]], column[t[1]], column[t[2]]});
+    const auto [low, high] = std::minmax({row[t[0]], row[t[1]], row[t[2]]});
+    if (right - left != 1 || high - low != 1) continue;
+    auto& pair = squares.try_emplace(low * columns + left, std::array{-1, -1}).first->second;
+    pair[pair[0] < 0 ? 0 : 1] = static_cast<int>(k);
+  }
+  std::unordered_map<int, int> node;
+  for (std::size_t v = 0; v < square_of.size(); ++v) {
+    if (square_of[v] >= 0) node[square_of[v]] = static_cast<int>(v);
+  }
+  for (const auto& [lower_left, pair] : squares) {
+    if (pair[1] < 0) continue;
+    const int a = node.at(lower_left), b = node.at(lower_left + 1);
+    const int c = node.at(lower_left + columns + 1), d = node.at(lower_left + columns);
+    const bool even = (lower_left % columns + lower_left / columns) % 2 == 0;
+    mesh.triangles[pair[0]] = even ? std::array{a, b, c} : std::array{a, b, d};
+    mesh.triangles[pair[1]] = even ? std::array{a, c, d} : std::array{b, c, d};
+  }
+  return mesh;
 }
 
 }  // namespace
@@ -111,95 +178,42 @@ SurfaceMesh start_mesh(const Lens& lens, int vertices_along_longer_side) {
     throw InputError("surface.mesh is " + std::to_string(vertices_along_longer_side) + ", must be at least 3");
   }
   if (!(lens.size_mm.minCoeff() > 0)) throw InputError("lens.size_mm must be positive");
-  SurfaceMesh mesh = lens.shape == Lens::Shape::kDisk ? disk_mesh(lens, vertices_along_longer_side)
-                                                      : grid_mesh(lens, vertices_along_longer_side);
+  SurfaceMesh mesh = lens.shape == Lens::Shape::kDisk      ? disk_mesh(lens, vertices_along_longer_side)
+                     : lens.shape == Lens::Shape::kOutline ? outlined_mesh(lens, vertices_along_longer_side)
+                                                           : grid_mesh(lens, vertices_along_longer_side);
+  if (mesh.triangles.empty()) throw InputError("lens.outline encloses nothing; draw a closed, filled shape");
   mesh.normals.assign(mesh.vertices.size(), Vec3::UnitZ());
   return mesh;
 }
 
 std::vector<Vec2> interpolate_map(const TransportMap& map, const SourceLight& source,
                                   const std::vector<Vec2>& points_mm) {
-  std::vector<Vec2> sites;
-  std::vector<Vec2> targets;
-  std::vector<double> cell_mm;  // side of a square with the cell's area
-  const Vec2 half = source.size_mm / 2;
-  const bool disk = source.shape == SourceLight::Shape::kDisk;
-  const double area = disk ? kPi * half.x() * half.y() : 4 * half.x() * half.y();
-  for (std::size_t i = 0; i < map.source_centroids_mm.size(); ++i) {
-    if (!(map.source_masses[i] > 0)) continue;
-    sites.push_back(map.source_centroids_mm[i]);
-    targets.push_back(map.target_centroids_mm[i]);
-    cell_mm.push_back(std::sqrt(area * map.source_masses[i]));
-  }
-  if (sites.size() < 3) throw InputError("surface: a transport map of fewer than three cells cannot be interpolated");
-
-  // Centroids of border cells lie half a cell inside the border. Each is mirrored in the border, and its target is
-  // carried on as it runs towards the border: by the smaller of two steps inside, so that a crease near the border is
-  // not carried on.
-  struct Mirror {
-    int site;
-    Vec2 outwards;  // from the centroid to its mirror image, along one side
-  };
-  std::vector<Mirror> mirrors;
-  constexpr double kBorderCells = 0.9;  // the first row's centroids are half a cell from the border, the second's 1.5
-  for (std::size_t s = 0; s < sites.size(); ++s) {
-    const Vec2& p = sites[s];
-    const double reach = kBorderCells * cell_mm[s];
-    if (disk) {
-      const Vec2 q = p.cwiseQuotient(half);  // on the unit disk
-      const double r = q.norm();
-      if (r > 0 && (1 - r) * half.minCoeff() < reach) {
-        mirrors.push_back({static_cast<int>(s), (2 * (1 - r) / r * q).cwiseProduct(half)});
-      }
-    } else {
-      for (int axis = 0; axis < 2; ++axis) {
-        for (int side : {-1, 1}) {
-          const double gap = half[axis] - side * p[axis];
-          if (gap < reach) mirrors.push_back({static_cast<int>(s), Vec2::Unit(axis) * (2 * side * gap)});
-        }
-      }
-    }
-  }
-  std::vector<Vec2> inner;
-  for (const Mirror& m : mirrors) {
-    inner.push_back(sites[m.site] - m.outwards);
-    inner.push_back(sites[m.site] - 2 * m.outwards);
-  }
-  const std::vector<Vec2> inner_targets = detail::natural_neighbour_interpolation(sites, targets, inner);
-  std::vector<Vec2> steps;
-  for (std::size_t m = 0; m < mirrors.size(); ++m) {
-    const Vec2 first = targets[mirrors[m].site] - inner_targets[2 * m];
-    const Vec2 second = inner_targets[2 * m] - inner_targets[2 * m + 1];
-    steps.emplace_back(minmod(first.x(), second.x()), minmod(first.y(), second.y()));
-  }
-  for (std::size_t m = 0; m < mirrors.size(); ++m) {
-    sites.push_back(Vec2(sites[mirrors[m].site] + mirrors[m].outwards));
-    targets.push_back(targets[mirrors[m].site] + steps[m]);
-    // A cell in a corner is mirrored in both sides, and in the corner.
-    if (m > 0 && mirrors[m - 1].site == mirrors[m].site && mirrors[m - 1].outwards.dot(mirrors[m].outwards) == 0) {
-      sites.push_back(Vec2(sites[mirrors[m].site] + mirrors[m - 1].outwards + mirrors[m].outwards));
-      targets.push_back(targets[mirrors[m].site] + steps[m - 1] + steps[m]);
-    }
-  }
-  return detail::natural_neighbour_interpolation(sites, targets, points_mm);
+  return detail::MapInterpolation(map, source).at(points_mm);
 }
 
 namespace {
 
 /// Which way a vertex may go: inside everywhere, on a straight side along it, at corners and on a round outline only
 /// up.
-std::vector<Freedom> freedoms(const Lens& lens, const std::vector<OneRing>& rings, const std::vector<Vec2>& entry) {
-  std::vector<Freedom> result(rings.size(), Freedom::kAll);
+struct Outline {
+  std::vector<Freedom> freedom;
+  std::vector<Vec2> sides;
+};
+
+Outline outline_freedom(const std::vector<OneRing>& rings, const std::vector<Vec2>& entry) {
+  constexpr double kStraight = 1e-9;  // sine of the turn between two edges that are one side
+  Outline outline{std::vector<Freedom>(rings.size(), Freedom::kAll), std::vector<Vec2>(rings.size(), Vec2::Zero())};
   for (std::size_t v = 0; v < rings.size(); ++v) {
     if (rings[v].closed) continue;
-    result[v] = Freedom::kHeight;
-    if (lens.shape == Lens::Shape::kDisk) continue;
-    const bool on_x_side = std::abs(entry[v].x()) == lens.size_mm.x() / 2;
-    const bool on_y_side = std::abs(entry[v].y()) == lens.size_mm.y() / 2;
-    if (on_x_side && !on_y_side) result[v] = Freedom::kHeightAndY;
-    if (on_y_side && !on_x_side) result[v] = Freedom::kHeightAndX;
+    outline.freedom[v] = Freedom::kHeight;
+    if (rings[v].neighbours.size() < 2) continue;
+    const Vec2 before = (entry[v] - entry[rings[v].neighbours.front()]).normalized();
+    const Vec2 after = (entry[rings[v].neighbours.back()] - entry[v]).normalized();
+    if (std::abs(before.x() * after.y() - before.y() * after.x()) > kStraight || before.dot(after) < 0) continue;
+    outline.freedom[v] = Freedom::kHeightAndSide;
+    outline.sides[v] = (before + after).normalized();
   }
-  return result;
+  return outline;
 }
 
 /// What the one-sided, angle-weighted normal of a border vertex shall be: the same mean of its triangles' wanted
@@ -230,27 +244,37 @@ void put_on_floor(std::vector<Vec3>& positions, double floor_mm) {
   for (Vec3& p : positions) p.z() += floor_mm - lowest;
 }
 
+void grow(std::vector<char>& marked, const std::vector<OneRing>& rings, int by) {
+  for (int ring = 0; ring < by; ++ring) {
+    const std::vector<char> core = marked;
+    for (std::size_t v = 0; v < marked.size(); ++v) {
+      for (int n : rings[v].neighbours) marked[v] |= core[n];
+    }
+  }
+}
+
 /// Vertices slide where it pays: where the heights alone leave a normal so wrong that sliding by kWorthwhile of an edge
-/// would cost less, and kRings rings around. Elsewhere the light would gain nothing, and the equations are three times
-/// larger.
+/// would cost less, and kSlidingRings rings around. Around these heights give way; elsewhere the light would gain nothing.
 std::vector<Freedom> near_creases(const CompoundEnergy& energy, const std::vector<Vec3>& positions,
                                   const std::vector<Freedom>& most_freedom) {
   constexpr double kWorthwhile = 0.1;
-  constexpr int kRings = 2;
+  constexpr int kSlidingRings = 2;
+  constexpr int kHeightRings = 4;
   const double least =
       std::sqrt(energy.weights.direction / energy.weights.integration) * kWorthwhile * energy.slope_scale;
   const std::vector<Vec3> normals = angle_weighted_normals(positions, energy.triangles);
   std::vector<char> near(positions.size(), 0);
   for (std::size_t v = 0; v < positions.size(); ++v) near[v] = (normals[v] - energy.target_normals[v]).norm() > least;
-  for (int ring = 0; ring < kRings; ++ring) {
-    const std::vector<char> core = near;
-    for (std::size_t v = 0; v < positions.size(); ++v) {
-      for (int n : energy.rings[v].neighbours) near[v] |= core[n];
-    }
-  }
-  std::vector<Freedom> result(positions.size(), Freedom::kHeight);
+  grow(near, energy.rings, kSlidingRings);
+  std::vector<char> around = near;
+  grow(around, energy.rings, kHeightRings);
+  std::vector<Freedom> result(positions.size(), Freedom::kNone);
   for (std::size_t v = 0; v < positions.size(); ++v) {
-    if (near[v]) result[v] = most_freedom[v];
+    if (near[v]) {
+      result[v] = most_freedom[v];
+    } else if (around[v]) {
+      result[v] = Freedom::kHeight;
+    }
   }
   return result;
 }
@@ -328,22 +352,7 @@ double concave_radius(const SurfaceMesh& mesh, const std::vector<std::array<int,
   return curvatures[rank] > 0 ? 1 / curvatures[rank] : std::numeric_limits<double>::infinity();
 }
 
-}  // namespace
-
-OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const TransportMap& map,
-                             const SurfaceOptions& options, const Monitor& monitor) {
-  SourceLight source;
-  source.shape = lens.shape == Lens::Shape::kDisk ? SourceLight::Shape::kDisk : SourceLight::Shape::kRectangle;
-  source.size_mm = lens.size_mm;
-  monitor.report("interpolating the transport map", 0.0);
-  std::vector<Vec2> points;
-  for (const Vec3& p : start_mesh(lens, options.mesh).vertices) points.emplace_back(p.head<2>());
-  return solve_surface(lens, receiver, interpolate_map(map, source, points), options, monitor.part(0.02, 1.0));
-}
-
-OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const std::vector<Vec2>& targets_mm,
-                             const SurfaceOptions& options, const Monitor& monitor) {
-  const auto started = std::chrono::steady_clock::now();
+void check_options(const Lens& lens, const Receiver& receiver, const SurfaceOptions& options) {
   if (!(lens.refractive_index > 1)) throw InputError("lens.refractive_index must be above 1");
   if (!(receiver.distance_mm > 0)) throw InputError("receiver.distance_mm must be positive");
   if (options.outer_iterations < 0) throw InputError("surface.outer_iterations must not be negative");
@@ -355,25 +364,114 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
   }
   if (!(w.integration > 0))
     throw InputError("surface.weights.integration must be positive: nothing else shapes the surface");
+}
+
+/// The rays through the vertices where they are, and where these shall go.
+struct Aim {
+  std::vector<VertexLight> light;
+  std::vector<Vec3> directions;
+  std::vector<Vec2> targets_mm;
+  int unmapped = 0;
+};
+
+/// Vertices whose light the base loses aim where the nearest that keep theirs aim.
+int fill_unmapped(std::vector<VertexLight>& light, const std::vector<OneRing>& rings) {
+  std::vector<std::size_t> front;
+  int unmapped = 0;
+  for (std::size_t v = 0; v < light.size(); ++v) {
+    if (light[v].mapped) {
+      front.push_back(v);
+    } else {
+      ++unmapped;
+    }
+  }
+  if (unmapped == 0) return 0;
+  if (front.empty()) throw InputError("light: none of it arrives on the receiver");
+  std::vector<char> known(light.size(), 0);
+  for (std::size_t v : front) known[v] = 1;
+  for (std::size_t k = 0; k < front.size(); ++k) {
+    for (int n : rings[front[k]].neighbours) {
+      if (known[n]) continue;
+      known[n] = 1;
+      light[n].source_mm = light[front[k]].source_mm;
+      front.push_back(n);
+    }
+  }
+  return unmapped;
+}
+
+/// Aims anew where rays have moved: heights change which slanted ray meets a vertex.
+void take_aim(const detail::LitBase& base, const TargetFunction& target, const std::vector<OneRing>& rings,
+              const std::vector<Vec3>& positions, Aim& aim) {
+  constexpr double kSamePlace = 1e-7;  // mm
+  std::vector<VertexLight> light = base.at(positions);
+  aim.unmapped = fill_unmapped(light, rings);
+  bool moved = aim.light.size() != light.size();
+  for (std::size_t v = 0; !moved && v < light.size(); ++v)
+    moved = (light[v].source_mm - aim.light[v].source_mm).norm() > kSamePlace;
+  if (moved) {
+    std::vector<Vec2> places;
+    for (const VertexLight& ray : light) places.push_back(ray.source_mm);
+    aim.targets_mm = target(places);
+    if (aim.targets_mm.size() != places.size()) {
+      throw InputError("surface: " + std::to_string(aim.targets_mm.size()) + " target points for " +
+                       std::to_string(places.size()) + " vertices");
+    }
+  }
+  aim.directions.clear();
+  for (const VertexLight& ray : light) aim.directions.push_back(ray.direction);
+  if (moved) aim.light = std::move(light);
+}
+
+/// Heights over the lens, lowest 0, of the base that the surface starts from.
+std::vector<double> base_heights(const Lens& lens, const std::vector<Vec3>& vertices, double& floor) {
+  std::vector<double> heights(vertices.size());
+  parallel_blocks(vertices.size(), 4096, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t v = begin; v < end; ++v) heights[v] = base_at(lens.base, vertices[v].head<2>()).height_mm;
+  });
+  floor = *std::min_element(heights.begin(), heights.end());
+  for (double& h : heights) h -= floor;
+  return heights;
+}
+
+}  // namespace
+
+OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver, const TransportMap& map,
+                             const SurfaceOptions& options, const Monitor& monitor) {
+  monitor.report("interpolating the transport map", 0.0);
+  const TracedSource traced = trace_source(lens, light, receiver);
+  const detail::MapInterpolation interpolation(map, traced.source);
+  return solve_surface(
+      lens, light, receiver, [&](const std::vector<Vec2>& places) { return interpolation.at(places); }, options,
+      monitor.part(0.02, 1.0));
+}
+
+OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver,
+                             const TargetFunction& target, const SurfaceOptions& options, const Monitor& monitor) {
+  const auto started = std::chrono::steady_clock::now();
+  check_options(lens, receiver, options);
   OpticalSurface surface;
   surface.mesh = start_mesh(lens, options.mesh);
   std::vector<Vec3>& positions = surface.mesh.vertices;
   const std::size_t count = positions.size();
-  if (targets_mm.size() != count) {
-    throw InputError("surface: " + std::to_string(targets_mm.size()) + " target points for " + std::to_string(count) +
-                     " vertices");
-  }
-  surface.targets_mm = targets_mm;
   for (const Vec3& p : positions) surface.entry_mm.emplace_back(p.head<2>());
   SurfaceSummary& summary = surface.summary;
   summary.vertices = static_cast<int>(count);
+  const std::vector<OneRing> rings = detail::one_rings(static_cast<int>(count), surface.mesh.triangles);
+  double base_floor = 0;
+  const std::vector<double> heights_at_start = base_heights(lens, positions, base_floor);
+  for (std::size_t v = 0; v < count; ++v) positions[v].z() += heights_at_start[v];
+  const detail::LitBase base(lens, light, receiver, base_floor);
 
   // First guess: heights only, Fresnel mapping and integration in turn until nothing moves.
   monitor.report("first guess of the heights", 0.0);
   const HeightIntegrator integrator(static_cast<int>(count), surface.mesh.triangles);
+  Aim aim;
   for (int turn = 0; turn < kFirstGuessTurns; ++turn) {
     monitor.check();
-    const auto slopes = detail::slopes_of(detail::fresnel_normals(positions, targets_mm, lens, receiver));
+    take_aim(base, target, rings, positions, aim);
+    const auto slopes =
+        detail::slopes_of(detail::fresnel_normals(positions, aim.directions, aim.targets_mm, lens, receiver));
     const std::vector<double> heights = integrator.integrate(surface.entry_mm, slopes);
     double change = 0;
     for (std::size_t v = 0; v < count; ++v) {
@@ -383,14 +481,18 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
     }
     if (change < kFirstGuessTolerance) break;
   }
+  take_aim(base, target, rings, positions, aim);
+  surface.targets_mm = aim.targets_mm;
+  summary.unmapped_vertices = aim.unmapped;
 
-  // The paper's energy in all three coordinates, and Fresnel mapping again, in turn.
-  const std::vector<OneRing> rings = detail::one_rings(static_cast<int>(count), surface.mesh.triangles);
-  const std::vector<Freedom> most_freedom = freedoms(lens, rings, surface.entry_mm);
-  std::vector<Freedom> freedom(count, Freedom::kHeight);
+  // The paper's energy, and Fresnel mapping again, in turn. From here on each vertex belongs to the ray that meets it now.
+  const std::vector<Vec3> start = positions;
+  const Outline outline = outline_freedom(rings, surface.entry_mm);
+  std::vector<Freedom> freedom;
   double edge_sum = 0;
   for (const auto& [i, j] : integrator.edges()) edge_sum += (surface.entry_mm[j] - surface.entry_mm[i]).norm();
-  CompoundEnergy energy{surface.mesh.triangles, rings, surface.entry_mm, freedom, {}, {}, options.weights};
+  CompoundEnergy energy{surface.mesh.triangles, rings, start, aim.light, freedom, outline.sides, {}, {},
+                        options.weights};
   energy.edge_mm = edge_sum / static_cast<double>(integrator.edges().size());
   energy.slope_scale = lens.size_mm.maxCoeff() / ((lens.refractive_index - 1) * receiver.distance_mm);
   energy.floor_mm = lens.thickness_mm;
@@ -398,26 +500,35 @@ OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const s
   for (const auto& t : surface.mesh.triangles) lens_area += signed_area(positions, t);
   constexpr double kThinnest = 1e-3;  // of the mean triangle's area: thinner ones have no normal worth its name
   const double least_area = kThinnest * lens_area / static_cast<double>(surface.mesh.triangles.size());
+  const bool everywhere = options.solver == SurfaceSolver::kEverywhere;
 
   summary.reason = "outer iterations used up";
   for (int turn = 0; turn < options.outer_iterations; ++turn) {
     const Monitor part =
         monitor.part(0.1 + 0.9 * turn / options.outer_iterations, 0.1 + 0.9 * (turn + 1) / options.outer_iterations);
-    const std::vector<Vec3> wanted = detail::fresnel_normals(positions, targets_mm, lens, receiver);
+    const std::vector<Vec3> wanted =
+        detail::fresnel_normals(positions, aim.directions, surface.targets_mm, lens, receiver);
     energy.target_normals = ring_targets(wanted, positions, rings);
     energy.target_slopes = detail::slopes_of(wanted);
+    const std::vector<Vec3> before = positions;
+    detail::MinimiserReport report;
     // The first turn brings the heights to rest. What is wrong then, only sliding can mend; it is damped, so that the
     // last turn brings the heights to rest again.
     const bool may_slide = turn > 0 && turn + 1 < options.outer_iterations;
-    freedom.assign(count, Freedom::kHeight);
-    if (may_slide) freedom = near_creases(energy, positions, most_freedom);
-    const auto sliding = static_cast<double>(count - std::count(freedom.begin(), freedom.end(), Freedom::kHeight));
-    const Pace pace = sliding == 0                                   ? kHeightsOnly
-                      : sliding < kMuch * static_cast<double>(count) ? kSliding
-                                                                     : kMuchSliding;
-    const std::vector<Vec3> before = positions;
-    const detail::MinimiserReport report = detail::minimise(energy, pace.steps, pace.trust_radius, positions, part);
-    hold_back(surface.mesh.triangles, before, least_area, positions);
+    int sliding = 0;
+    if (everywhere || may_slide) {
+      freedom = everywhere ? outline.freedom : near_creases(energy, positions, outline.freedom);
+      sliding = static_cast<int>(
+          std::count_if(freedom.begin(), freedom.end(), [](Freedom f) { return f > Freedom::kHeight; }));
+      if (sliding > 0) {
+        summary.sliding_vertices = sliding;
+        report = detail::minimise(energy, kSlidingSteps, everywhere ? kEverywhereTrustRadius : kSlidingTrustRadius,
+                                  positions, part.part(0, 0.7));
+        summary.held_back_vertices += hold_back(surface.mesh.triangles, before, least_area, positions);
+      }
+    }
+    if (!everywhere)
+      report = detail::settle_heights(energy, integrator, options.height_tolerance_mm / 2, positions, part.part(0.7, 1));
     put_on_floor(positions, lens.thickness_mm);
     summary.energy_history.push_back(report.final_energy);
     ++summary.outer_iterations;

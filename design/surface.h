@@ -1,6 +1,7 @@
 // The refracting surface that realises a transport map: Fresnel mapping and normal integration in turn [paper sec. 5].
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -21,7 +22,12 @@ struct SurfaceWeights {
   double smoothness = 1e-5;
 };
 
+/// kCreases: heights everywhere by conjugate gradients, all three coordinates in Ceres near creases.
+/// kEverywhere: the paper's own, all three coordinates of all vertices in Ceres at once; many times slower.
+enum class SurfaceSolver { kCreases, kEverywhere };
+
 struct SurfaceOptions {
+  SurfaceSolver solver = SurfaceSolver::kCreases;
   int mesh = 321;                 ///< vertices along the longer side
   SurfaceWeights weights;
   int outer_iterations = 4;       ///< at most this many turns of Fresnel mapping and integration; the first and the last move
@@ -35,6 +41,9 @@ struct SurfaceSummary {
   int outer_iterations = 0;
   std::vector<double> energy_history;     ///< compound energy after each integration
   int inverted_triangles = 0;
+  int sliding_vertices = 0;               ///< that may move in all coordinates, in the last turn that lets any
+  int held_back_vertices = 0;             ///< moved back because a turn had folded their triangles, all turns
+  int unmapped_vertices = 0;              ///< whose light the base surface loses; they follow their neighbours
   double height_range_mm = 0;             ///< highest minus lowest vertex
   double min_concave_radius_mm = 0;       ///< smallest radius of concave curvature (99.9th percentile of curvature along
                                           ///< edges, off the border); infinite where nothing is concave
@@ -45,22 +54,28 @@ struct SurfaceSummary {
 struct OpticalSurface {
   SurfaceMesh mesh;                  ///< lens frame; lowest vertex at z = lens.thickness_mm
   std::vector<Vec2> targets_mm;      ///< where each vertex shall send its light on the receiver
-  std::vector<Vec2> entry_mm;        ///< x, y of the incoming ray each vertex started on
+  std::vector<Vec2> entry_mm;        ///< x, y that each vertex started on
   SurfaceSummary summary;
 };
 
-/// The regular start mesh of a lens (flat, z = thickness): a grid for a rectangle, rings of triangles for a disk.
+/// The regular start mesh of a lens (flat, z = thickness): a grid for a rectangle, rings of triangles for a disk; for an
+/// outline a grid inside and triangles of similar size along the outline.
 SurfaceMesh start_mesh(const Lens& lens, int vertices_along_longer_side);
 
-/// Natural neighbour (Sibson) interpolation of the map at points of the source plane, extrapolated at the border [paper fig. 7].
+/// Natural neighbour (Sibson) interpolation of the map at places of the receiver where unbent light arrives, extrapolated
+/// at the border of the light [paper fig. 7] and one-sided at creases.
 std::vector<Vec2> interpolate_map(const TransportMap& map, const SourceLight& source, const std::vector<Vec2>& points_mm);
 
-/// Parallel light along +Z through the flat back, refracted at the surface only. Throws NumericalError when Ceres fails.
-OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const TransportMap& map,
+/// Where on the receiver the light shall go that would arrive at these places unbent.
+using TargetFunction = std::function<std::vector<Vec2>(const std::vector<Vec2>& source_mm)>;
+
+/// `map` is that of trace_source(lens, light, receiver). Throws InputError where no surface can do it, NumericalError when
+/// Ceres fails.
+OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver, const TransportMap& map,
                              const SurfaceOptions& options = {}, const Monitor& monitor = {});
 
-/// The same from given target points per vertex of start_mesh (for ground truth and for maps from elsewhere).
-OpticalSurface solve_surface(const Lens& lens, const Receiver& receiver, const std::vector<Vec2>& targets_mm,
+/// The same from any map (for ground truth and for maps from elsewhere).
+OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver, const TargetFunction& target,
                              const SurfaceOptions& options = {}, const Monitor& monitor = {});
 
 }  // namespace lightmill

@@ -9,6 +9,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
+#include "design/detail/height_field.h"
 #include "design/detail/one_blas_thread.h"
 
 namespace lightmill::detail {
@@ -27,6 +28,7 @@ Eigen::Matrix3d cross_matrix(const Vec3& v) {
 constexpr double kHeightSmoothness = 1000;
 
 using RowMatrix3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+using RowMatrix23 = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
 
 }  // namespace
 
@@ -99,50 +101,47 @@ class NormalCost : public ceres::CostFunction {
   double weight_;
 };
 
-/// E_dir [paper eq. 7] for light along +Z: the way from the vertex to its ray.
+/// E_dir [paper eq. 7]: the way from the vertex to the line of its ray, across the ray.
 class DirectionCost : public ceres::SizedCostFunction<2, 3> {
  public:
-  DirectionCost(const Vec2& entry, double weight) : entry_(entry), weight_(weight) {}
+  DirectionCost(const Vec3& on_ray, const Vec3& direction, double weight) : on_ray_(on_ray) {
+    const Vec3 across = direction.unitOrthogonal();
+    across_.row(0) = weight * across;
+    across_.row(1) = weight * direction.cross(across);
+  }
 
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    for (int axis = 0; axis < 2; ++axis) residuals[axis] = weight_ * (parameters[0][axis] - entry_[axis]);
-    if (jacobians && jacobians[0]) {
-      Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>{jacobians[0]} << weight_, 0, 0, 0, weight_, 0;
-    }
+    Eigen::Map<Vec2>{residuals} = across_ * (Eigen::Map<const Vec3>(parameters[0]) - on_ray_);
+    if (jacobians && jacobians[0]) Eigen::Map<RowMatrix23>{jacobians[0]} = across_;
     return true;
   }
 
  private:
-  Vec2 entry_;
-  double weight_;
+  Vec3 on_ray_;
+  RowMatrix23 across_;
 };
 
-/// E_flux [paper eq. 8]: the light through a triangle, which for parallel light is its area seen along the light.
+/// E_flux [paper eq. 8]: the light through a triangle. Over the little way that a vertex slides the light does not
+/// change, only the area that meets it does.
 class FluxCost : public ceres::SizedCostFunction<1, 3, 3, 3> {
  public:
-  FluxCost(double area, double weight) : area_(area), weight_(weight) {}
+  FluxCost(const Vec3& flux_per_mm2, double wanted, double weight)
+      : flux_(flux_per_mm2), wanted_(wanted), weight_(weight) {}
 
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const double* a = parameters[0];
-    const double* b = parameters[1];
-    const double* c = parameters[2];
-    const double area = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2;
-    residuals[0] = weight_ * (area - area_);
+    const auto at = [&](int k) { return Eigen::Map<const Vec3>(parameters[k % 3]); };
+    residuals[0] = weight_ * (flux_.dot((at(1) - at(0)).cross(at(2) - at(0))) / 2 - wanted_);
     if (jacobians) {
       for (int k = 0; k < 3; ++k) {
-        if (!jacobians[k]) continue;
-        const double* next = parameters[(k + 1) % 3];
-        const double* previous = parameters[(k + 2) % 3];
-        jacobians[k][0] = weight_ * (next[1] - previous[1]) / 2;
-        jacobians[k][1] = weight_ * (previous[0] - next[0]) / 2;
-        jacobians[k][2] = 0;
+        if (jacobians[k]) Eigen::Map<Vec3>{jacobians[k]} = weight_ / 2 * (at(k + 1) - at(k + 2)).cross(flux_);
       }
     }
     return true;
   }
 
  private:
-  double area_;
+  Vec3 flux_;
+  double wanted_;
   double weight_;
 };
 
@@ -240,6 +239,35 @@ class BarrierCost : public ceres::SizedCostFunction<1, 3> {
   double weight_;
 };
 
+/// A border vertex on a straight side: along the side, and up.
+class SideManifold : public ceres::Manifold {
+ public:
+  explicit SideManifold(const Vec2& side) : side_(side) {}
+  int AmbientSize() const override { return 3; }
+  int TangentSize() const override { return 2; }
+  bool Plus(const double* x, const double* delta, double* result) const override {
+    for (int axis = 0; axis < 2; ++axis) result[axis] = x[axis] + side_[axis] * delta[0];
+    result[2] = x[2] + delta[1];
+    return true;
+  }
+  bool PlusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, 3, 2, Eigen::RowMajor>>{jacobian} << side_.x(), 0, side_.y(), 0, 0, 1;
+    return true;
+  }
+  bool Minus(const double* y, const double* x, double* delta) const override {
+    delta[0] = side_.x() * (y[0] - x[0]) + side_.y() * (y[1] - x[1]);
+    delta[1] = y[2] - x[2];
+    return true;
+  }
+  bool MinusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<RowMatrix23>{jacobian} << side_.x(), side_.y(), 0, 0, 0, 1;
+    return true;
+  }
+
+ private:
+  Vec2 side_;
+};
+
 /// Reports every step, and ends the minimisation when the user wants to stop.
 class StopCallback : public ceres::IterationCallback {
  public:
@@ -258,90 +286,120 @@ class StopCallback : public ceres::IterationCallback {
   int iterations_;
 };
 
-}  // namespace
+/// Factors on the residuals that make every term dimensionless.
+struct Scales {
+  double integration, direction, flux, smoothness, height_smoothness, barrier;
+  explicit Scales(const CompoundEnergy& energy)
+      : integration(std::sqrt(energy.weights.integration) / energy.slope_scale),
+        direction(std::sqrt(energy.weights.direction) / energy.edge_mm),
+        flux(std::sqrt(energy.weights.flux)),
+        smoothness(std::sqrt(energy.weights.smoothness) / energy.edge_mm),
+        height_smoothness(std::sqrt(kHeightSmoothness) * smoothness),
+        barrier(std::sqrt(energy.weights.barrier)) {}
+};
 
-MinimiserReport minimise(const CompoundEnergy& energy, int iterations, double trust_radius,
-                         std::vector<Vec3>& positions, const Monitor& monitor) {
+/// The mean slopes over a vertex's edges that the wanted slopes ask for, in ring order.
+std::vector<Vec2> mean_slopes(const CompoundEnergy& energy, int v) {
+  std::vector<Vec2> slopes;
+  for (int n : energy.rings[v].neighbours) slopes.push_back((energy.target_slopes[v] + energy.target_slopes[n]) / 2);
+  return slopes;
+}
+
+/// Adds the terms that any vertex free to move takes part in.
+void add_terms(const CompoundEnergy& energy, std::vector<Vec3>& positions, ceres::Problem& problem) {
   const int count = static_cast<int>(positions.size());
-  const double per_length = 1 / energy.edge_mm;
-  const double integration = std::sqrt(energy.weights.integration) / energy.slope_scale;
-  const double direction = std::sqrt(energy.weights.direction) * per_length;
-  const double flux = std::sqrt(energy.weights.flux);
-  const double smoothness = std::sqrt(energy.weights.smoothness) * per_length;
-  const double barrier = std::sqrt(energy.weights.barrier);
-
-  ceres::Problem::Options problem_options;
-  problem_options.enable_fast_removal = false;
-  problem_options.disable_all_safety_checks = true;
-  ceres::Problem problem(problem_options);
+  const Scales scales(energy);
+  const auto moves = [&](int v) { return energy.freedom[v] != Freedom::kNone; };
+  const auto slides = [&](int v) { return energy.freedom[v] > Freedom::kHeight; };
+  std::vector<char> concerned(count, 0);  // itself or a neighbour moves
   for (int v = 0; v < count; ++v) {
-    problem.AddParameterBlock(positions[v].data(), 3);
-    switch (energy.freedom[v]) {
-      case Freedom::kHeight:
-        problem.SetManifold(positions[v].data(), new ceres::SubsetManifold(3, {0, 1}));
-        break;
-      case Freedom::kHeightAndX:
-        problem.SetManifold(positions[v].data(), new ceres::SubsetManifold(3, {1}));
-        break;
-      case Freedom::kHeightAndY:
-        problem.SetManifold(positions[v].data(), new ceres::SubsetManifold(3, {0}));
-        break;
-      case Freedom::kAll:
-        break;
-    }
+    concerned[v] |= moves(v);
+    for (int n : energy.rings[v].neighbours) concerned[v] |= moves(n);
   }
   std::vector<double*> blocks;
   for (int v = 0; v < count; ++v) {
     const OneRing& ring = energy.rings[v];
+    if (!concerned[v] || ring.neighbours.empty()) continue;
     const int neighbours = static_cast<int>(ring.neighbours.size());
     blocks.assign(1, positions[v].data());
     for (int n : ring.neighbours) blocks.push_back(positions[n].data());
-    problem.AddResidualBlock(new NormalCost(energy.target_normals[v], neighbours, ring.closed, integration), nullptr,
-                             blocks);
-    if (smoothness > 0) {
-      std::vector<Vec2> mean_slopes;
-      for (int n : ring.neighbours) mean_slopes.push_back((energy.target_slopes[v] + energy.target_slopes[n]) / 2);
-      problem.AddResidualBlock(
-          new HeightSmoothnessCost(std::move(mean_slopes), smoothness * std::sqrt(kHeightSmoothness)), nullptr, blocks);
+    problem.AddResidualBlock(new NormalCost(energy.target_normals[v], neighbours, ring.closed, scales.integration),
+                             nullptr, blocks);
+    if (scales.smoothness > 0) {
+      problem.AddResidualBlock(new HeightSmoothnessCost(mean_slopes(energy, v), scales.height_smoothness), nullptr,
+                               blocks);
       // On the border only the neighbours along the border count: the others would pull the outline inwards.
-      if (energy.freedom[v] != Freedom::kHeight) {
+      bool planar = slides(v);
+      for (int n : ring.neighbours) planar |= slides(n);
+      if (planar) {
         if (!ring.closed)
           blocks = {blocks[0], positions[ring.neighbours.front()].data(), positions[ring.neighbours.back()].data()};
         Vec2 rest = Vec2::Zero();  // of the start mesh: it is at rest
         for (std::size_t k = 0; k < ring.neighbours.size(); ++k) {
           if (!ring.closed && k != 0 && k + 1 != ring.neighbours.size()) continue;
-          rest += energy.entry_mm[ring.neighbours[k]] - energy.entry_mm[v];
+          rest += (energy.start_mm[ring.neighbours[k]] - energy.start_mm[v]).head<2>();
         }
-        problem.AddResidualBlock(new PlanarSmoothnessCost(static_cast<int>(blocks.size()) - 1, rest, smoothness),
-                                 nullptr, blocks);
+        problem.AddResidualBlock(
+            new PlanarSmoothnessCost(static_cast<int>(blocks.size()) - 1, rest, scales.smoothness), nullptr, blocks);
       }
     }
-    if (direction > 0 && energy.freedom[v] != Freedom::kHeight) {
-      problem.AddResidualBlock(new DirectionCost(energy.entry_mm[v], direction), nullptr, positions[v].data());
+    if (scales.direction > 0 && slides(v)) {
+      problem.AddResidualBlock(new DirectionCost(energy.start_mm[v], energy.light[v].direction, scales.direction),
+                               nullptr, positions[v].data());
     }
-    if (barrier > 0) {
-      problem.AddResidualBlock(new BarrierCost(energy.floor_mm, energy.edge_mm, barrier), nullptr, positions[v].data());
-    }
-  }
-  if (flux > 0) {
-    double mean_area = 0;
-    std::vector<double> areas;
-    for (const auto& t : energy.triangles) {
-      const Vec2 ab = energy.entry_mm[t[1]] - energy.entry_mm[t[0]];
-      const Vec2 ac = energy.entry_mm[t[2]] - energy.entry_mm[t[0]];
-      areas.push_back((ab.x() * ac.y() - ab.y() * ac.x()) / 2);
-      mean_area += areas.back() / static_cast<double>(energy.triangles.size());
-    }
-    for (std::size_t t = 0; t < energy.triangles.size(); ++t) {
-      const auto& corners = energy.triangles[t];
-      bool moves = false;
-      for (int corner : corners) moves |= energy.freedom[corner] != Freedom::kHeight;
-      if (!moves) continue;
-      problem.AddResidualBlock(new FluxCost(areas[t], flux / mean_area), nullptr, positions[corners[0]].data(),
-                               positions[corners[1]].data(), positions[corners[2]].data());
+    if (scales.barrier > 0 && moves(v)) {
+      problem.AddResidualBlock(new BarrierCost(energy.floor_mm, energy.edge_mm, scales.barrier), nullptr,
+                               positions[v].data());
     }
   }
+  if (!(scales.flux > 0)) return;
+  std::vector<Vec3> flux_per_mm2;
+  std::vector<double> flux;
+  double mean_flux = 0;
+  for (const auto& t : energy.triangles) {
+    const Vec3& a = energy.start_mm[t[0]];
+    flux_per_mm2.push_back((energy.light[t[0]].flux + energy.light[t[1]].flux + energy.light[t[2]].flux) / 3);
+    flux.push_back(flux_per_mm2.back().dot((energy.start_mm[t[1]] - a).cross(energy.start_mm[t[2]] - a)) / 2);
+    mean_flux += flux.back() / static_cast<double>(energy.triangles.size());
+  }
+  for (std::size_t t = 0; t < energy.triangles.size(); ++t) {
+    const auto& corners = energy.triangles[t];
+    if (!slides(corners[0]) && !slides(corners[1]) && !slides(corners[2])) continue;
+    problem.AddResidualBlock(new FluxCost(flux_per_mm2[t], flux[t], scales.flux / mean_flux), nullptr,
+                             positions[corners[0]].data(), positions[corners[1]].data(), positions[corners[2]].data());
+  }
+}
 
+ceres::Problem::Options problem_options() {
+  ceres::Problem::Options options;
+  options.enable_fast_removal = false;
+  options.disable_all_safety_checks = true;
+  return options;
+}
+
+}  // namespace
+
+MinimiserReport minimise(const CompoundEnergy& energy, int iterations, double trust_radius,
+                         std::vector<Vec3>& positions, const Monitor& monitor) {
+  ceres::Problem problem(problem_options());
+  add_terms(energy, positions, problem);
+  for (std::size_t v = 0; v < positions.size(); ++v) {
+    double* block = positions[v].data();
+    if (!problem.HasParameterBlock(block)) continue;
+    switch (energy.freedom[v]) {
+      case Freedom::kNone:
+        problem.SetParameterBlockConstant(block);
+        break;
+      case Freedom::kHeight:
+        problem.SetManifold(block, new ceres::SubsetManifold(3, {0, 1}));
+        break;
+      case Freedom::kHeightAndSide:
+        problem.SetManifold(block, new SideManifold(energy.sides[v]));
+        break;
+      case Freedom::kAll:
+        break;
+    }
+  }
   ceres::Solver::Options options;
   options.minimizer_type = ceres::TRUST_REGION;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
@@ -362,7 +420,192 @@ MinimiserReport minimise(const CompoundEnergy& energy, int iterations, double tr
   ceres::Solve(options, &problem, &summary);
   if (stop.stopped) throw Stopped();
   if (!summary.IsSolutionUsable()) throw NumericalError("surface: Ceres found no solution: " + summary.message);
-  return {summary.initial_cost, summary.final_cost, static_cast<int>(summary.iterations.size()) - 1, summary.message};
+  return {.initial_energy = summary.initial_cost,
+          .final_energy = summary.final_cost,
+          .iterations = static_cast<int>(summary.iterations.size()) - 1,
+          .message = summary.message};
+}
+
+double energy_at(const CompoundEnergy& energy, std::vector<Vec3>& positions, std::vector<Vec3>& gradient) {
+  ceres::Problem problem(problem_options());
+  add_terms(energy, positions, problem);
+  double cost = 0;
+  std::vector<double> flat;
+  ceres::Problem::EvaluateOptions options;
+  for (Vec3& p : positions) options.parameter_blocks.push_back(p.data());
+  problem.Evaluate(options, &cost, nullptr, &flat, nullptr);
+  gradient.clear();
+  for (std::size_t v = 0; v < positions.size(); ++v) gradient.emplace_back(Eigen::Map<const Vec3>(&flat[3 * v]));
+  return cost;
+}
+
+namespace {
+
+/// The terms that heights alone can change, linearised: four residuals per vertex, three of its normal and one of
+/// smoothness; each depends on the heights of the vertex and its ring.
+class HeightTerms {
+ public:
+  explicit HeightTerms(const CompoundEnergy& energy) : energy_(energy), scales_(energy) {
+    const int count = static_cast<int>(energy.rings.size());
+    first_.assign(1, 0);
+    for (const OneRing& ring : energy.rings)
+      first_.push_back(first_.back() + 1 + static_cast<int>(ring.neighbours.size()));
+    rows_.resize(first_.back());
+    residuals_.resize(count);
+    // Which rows name a vertex: its own, and each of its neighbours'.
+    column_first_.assign(count + 1, 0);
+    const auto each = [&](const auto& visit) {
+      for (int v = 0; v < count; ++v) {
+        visit(v, v, first_[v]);
+        for (std::size_t k = 0; k < energy.rings[v].neighbours.size(); ++k)
+          visit(v, energy.rings[v].neighbours[k], first_[v] + 1 + static_cast<int>(k));
+      }
+    };
+    each([&](int, int column, int) { ++column_first_[column + 1]; });
+    for (int v = 0; v < count; ++v) column_first_[v + 1] += column_first_[v];
+    columns_.resize(first_.back());
+    std::vector<int> next(column_first_.begin(), column_first_.end() - 1);
+    each([&](int row, int column, int slot) { columns_[next[column]++] = {row, slot}; });
+  }
+
+  /// Residuals and, if asked for, their derivatives at these positions; returns half their square.
+  double evaluate(const std::vector<Vec3>& positions, bool derivatives) {
+    const int count = static_cast<int>(positions.size());
+    std::vector<double> sums(blocks(), 0.0);
+    parallel_blocks(count, kBlock, [&](std::size_t begin, std::size_t end) {
+      std::vector<Vec3> around;
+      std::vector<Eigen::Matrix3d> turns;
+      double sum = 0;
+      for (std::size_t v = begin; v < end; ++v) {
+        const OneRing& ring = energy_.rings[v];
+        around.clear();
+        for (int n : ring.neighbours) around.push_back(positions[n]);
+        const Vec3 normal = ring_normal(positions[v], around, ring.closed, derivatives ? &turns : nullptr);
+        double rise = 0;
+        for (std::size_t k = 0; k < around.size(); ++k) {
+          const Vec3 way = around[k] - positions[v];
+          const Vec2 slope = (energy_.target_slopes[v] + energy_.target_slopes[ring.neighbours[k]]) / 2;
+          rise += way.z() - slope.dot(way.head<2>());
+        }
+        residuals_[v] << scales_.integration * (normal - energy_.target_normals[v]), scales_.height_smoothness * rise;
+        sum += residuals_[v].squaredNorm() / 2;
+        if (!derivatives) continue;
+        for (std::size_t k = 0; k <= around.size(); ++k) {
+          rows_[first_[v] + k] << scales_.integration * turns[k].col(2),
+              scales_.height_smoothness * (k == 0 ? -static_cast<double>(around.size()) : 1.0);
+        }
+      }
+      sums[begin / kBlock] = sum;
+    });
+    double energy = 0;
+    for (double sum : sums) energy += sum;
+    return energy;
+  }
+
+  /// Residuals' derivatives times heights.
+  void forward(const Eigen::VectorXd& heights, std::vector<Eigen::Vector4d>& result) const {
+    result.resize(energy_.rings.size());
+    parallel_blocks(result.size(), kBlock, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t v = begin; v < end; ++v) {
+        Eigen::Vector4d sum = rows_[first_[v]] * heights[static_cast<Eigen::Index>(v)];
+        const auto& neighbours = energy_.rings[v].neighbours;
+        for (std::size_t k = 0; k < neighbours.size(); ++k) sum += rows_[first_[v] + 1 + k] * heights[neighbours[k]];
+        result[v] = sum;
+      }
+    });
+  }
+  /// Their transpose times values per residual.
+  [[nodiscard]] Eigen::VectorXd backward(const std::vector<Eigen::Vector4d>& values) const {
+    Eigen::VectorXd result(static_cast<Eigen::Index>(values.size()));
+    parallel_blocks(values.size(), kBlock, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t v = begin; v < end; ++v) {
+        double sum = 0;
+        for (int c = column_first_[v]; c < column_first_[v + 1]; ++c)
+          sum += rows_[columns_[c].second].dot(values[columns_[c].first]);
+        result[static_cast<Eigen::Index>(v)] = sum;
+      }
+    });
+    return result;
+  }
+  [[nodiscard]] const std::vector<Eigen::Vector4d>& residuals() const { return residuals_; }
+
+ private:
+  static constexpr std::size_t kBlock = 4096;
+  [[nodiscard]] std::size_t blocks() const { return (energy_.rings.size() + kBlock - 1) / kBlock; }
+
+  const CompoundEnergy& energy_;
+  Scales scales_;
+  std::vector<int> first_;  // of a vertex's slots in rows_: its own, then its ring's
+  std::vector<Eigen::Vector4d> rows_;
+  std::vector<Eigen::Vector4d> residuals_;
+  std::vector<int> column_first_;  // of a vertex in columns_
+  std::vector<std::pair<int, int>> columns_;  // vertex whose residuals, slot
+};
+
+}  // namespace
+
+MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegrator& integrator, double tolerance_mm,
+                               std::vector<Vec3>& positions, const Monitor& monitor) {
+  constexpr int kSteps = 6;
+  constexpr int kMostInner = 200;
+  constexpr double kInnerTolerance = 1e-2;  // of the first residual, in the preconditioner's norm
+  const OneBlasThread one_blas_thread;
+  HeightTerms terms(energy);
+  MinimiserReport report;
+  const auto count = static_cast<Eigen::Index>(positions.size());
+  std::vector<Eigen::Vector4d> image;
+  double now = terms.evaluate(positions, true);
+  report.initial_energy = now;
+  report.message = "steps used up";
+  for (; report.iterations < kSteps; ++report.iterations) {
+    monitor.report("settling the heights", static_cast<double>(report.iterations) / kSteps);
+    // Gauss and Newton's step by conjugate gradients. The mesh's Laplacian has the same spectrum up to a factor: both
+    // measure slopes.
+    Eigen::VectorXd heights = Eigen::VectorXd::Zero(count);
+    Eigen::VectorXd rest = -terms.backward(terms.residuals());
+    Eigen::VectorXd guided = integrator.solve(rest);
+    Eigen::VectorXd way = guided;
+    double product = rest.dot(guided);
+    const double first = product;
+    for (int inner = 0; inner < kMostInner && product > kInnerTolerance * kInnerTolerance * first; ++inner) {
+      monitor.check();
+      terms.forward(way, image);
+      const Eigen::VectorXd curved = terms.backward(image);
+      const double bend = way.dot(curved);
+      if (!(bend > 0)) break;
+      const double length = product / bend;
+      heights += length * way;
+      rest -= length * curved;
+      guided = integrator.solve(rest);
+      const double next = rest.dot(guided);
+      way = guided + next / product * way;
+      product = next;
+      ++report.inner_iterations;
+    }
+    if (!heights.allFinite()) throw NumericalError("surface: the heights have no finite solution");
+    heights.array() -= heights.mean();  // a shift changes nothing
+    const double change = heights.cwiseAbs().maxCoeff();
+    const std::vector<Vec3> before = positions;
+    const double energy_before = now;
+    for (double share = 1; share > 1e-3; share /= 2) {
+      for (Eigen::Index v = 0; v < count; ++v) positions[v].z() = before[v].z() + share * heights[v];
+      now = terms.evaluate(positions, true);
+      if (now <= energy_before) break;
+    }
+    if (now > energy_before) {
+      positions = before;
+      now = energy_before;
+      report.message = "no step lowers the energy";
+      break;
+    }
+    if (change <= tolerance_mm) {
+      report.message = "at rest";
+      ++report.iterations;
+      break;
+    }
+  }
+  report.final_energy = now;
+  return report;
 }
 
 }  // namespace lightmill::detail

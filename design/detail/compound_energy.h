@@ -6,22 +6,26 @@
 #include <vector>
 
 #include "design/core/monitor.h"
+#include "design/detail/height_field.h"
 #include "design/detail/one_ring.h"
+#include "design/detail/vertex_light.h"
 #include "design/surface.h"
 
 namespace lightmill::detail {
 
-/// In which directions a vertex may move. The outline of the lens stays where it is.
-enum class Freedom : char { kHeight, kHeightAndX, kHeightAndY, kAll };
+/// In which directions a vertex may move, from nowhere to everywhere. The outline of the lens stays where it is.
+enum class Freedom : char { kNone, kHeight, kHeightAndSide, kAll };
 
 /// What stays the same through one normal integration.
 struct CompoundEnergy {
   const std::vector<std::array<int, 3>>& triangles;
   const std::vector<OneRing>& rings;
-  const std::vector<Vec2>& entry_mm;  ///< x, y of the ray that each vertex belongs to
+  const std::vector<Vec3>& start_mm;       ///< the mesh at rest: each vertex on the ray that belongs to it
+  const std::vector<VertexLight>& light;   ///< that ray
   const std::vector<Freedom>& freedom;
-  std::vector<Vec3> target_normals;  ///< what the angle-weighted normal of each vertex shall be
-  std::vector<Vec2> target_slopes;   ///< at the vertices themselves
+  const std::vector<Vec2>& sides;          ///< unit, along the straight side that a border vertex may slide on
+  std::vector<Vec3> target_normals;        ///< what the angle-weighted normal of each vertex shall be
+  std::vector<Vec2> target_slopes;         ///< at the vertices themselves
   SurfaceWeights weights;
   double edge_mm = 1;      ///< mean edge of the start mesh: the unit of lengths
   double slope_scale = 1;  ///< the unit of normals: lens size over (n - 1) times distance
@@ -32,13 +36,24 @@ struct MinimiserReport {
   double initial_energy = 0;
   double final_energy = 0;
   int iterations = 0;
+  int inner_iterations = 0;  ///< of conjugate gradients
   std::string message;
 };
 
-/// Levenberg-Marquardt from `positions`, at most `iterations` steps, damped by the equations' diagonal over
-/// `trust_radius`. Throws NumericalError when Ceres finds no usable solution.
+/// All terms over all coordinates that are free, in Ceres: Levenberg-Marquardt from `positions`, at most `iterations`
+/// steps, damped by the equations' diagonal over `trust_radius`. Throws NumericalError when Ceres finds no usable
+/// solution.
 MinimiserReport minimise(const CompoundEnergy& energy, int iterations, double trust_radius,
                          std::vector<Vec3>& positions, const Monitor& monitor);
+
+/// The same energy over the heights of all vertices: Gauss and Newton's steps by conjugate gradients, preconditioned by
+/// the integrator's equations, until no height changes by more than `tolerance_mm`. The barrier is left to whoever puts
+/// the surface on its floor afterwards: nothing else changes with a shift.
+MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegrator& integrator, double tolerance_mm,
+                               std::vector<Vec3>& positions, const Monitor& monitor);
+
+/// The energy and its gradient by every coordinate, for tests. `positions` come back as they were.
+double energy_at(const CompoundEnergy& energy, std::vector<Vec3>& positions, std::vector<Vec3>& gradient);
 
 /// The angle-weighted normal of a vertex from its own and its ring's positions (in ring order), and its derivatives:
 /// d normal / d ring vertex k is jacobians[k + 1], with respect to the vertex itself jacobians[0]. For tests and the

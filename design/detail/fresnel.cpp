@@ -1,5 +1,6 @@
 #include "design/detail/fresnel.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "design/core/errors.h"
@@ -7,21 +8,33 @@
 
 namespace lightmill::detail {
 
-std::vector<Vec3> fresnel_normals(const std::vector<Vec3>& positions, const std::vector<Vec2>& targets_mm,
-                                  const Lens& lens, const Receiver& receiver) {
-  const double receiver_z = lens.thickness_mm + receiver.distance_mm;
+std::vector<Vec3> fresnel_normals(const std::vector<Vec3>& positions, const std::vector<Vec3>& incoming,
+                                  const std::vector<Vec2>& targets_mm, const Lens& lens, const Receiver& receiver) {
+  constexpr double kSteepest = 0.05;  // z of the normal: 87 degrees
+  const ReceiverFrame frame = receiver_frame(lens, receiver);
   const Indices indices{lens.refractive_index, 1.0};
+  const auto place = [&](std::size_t v) {
+    return " at lens x = " + fixed(positions[v].x(), 2) + ", y = " + fixed(positions[v].y(), 2) + " mm";
+  };
   std::vector<Vec3> normals(positions.size());
   for (std::size_t v = 0; v < positions.size(); ++v) {
-    const Vec3 way = Vec3(targets_mm[v].x(), targets_mm[v].y(), receiver_z) - positions[v];
-    const Vec3 after = way.normalized();
-    if (!(way.z() > 0 && lens.refractive_index * after.z() > 1)) {
-      throw InputError("surface: light would have to bend by " +
-                       fixed(std::atan2(way.head<2>().norm(), way.z()) * 180 / kPi, 1) + " degrees, at most " +
-                       fixed(std::acos(1 / lens.refractive_index) * 180 / kPi, 1) +
+    const Vec3 target = frame.origin_mm + targets_mm[v].x() * frame.x_axis + targets_mm[v].y() * frame.y_axis;
+    const Vec3 after = (target - positions[v]).normalized();
+    if (!(after.dot(frame.normal) > 0)) {
+      throw InputError("surface: light" + place(v) +
+                       " would have to meet the receiver from behind: enlarge receiver.distance_mm or tilt it less");
+    }
+    const double cosine = std::clamp(incoming[v].dot(after), -1.0, 1.0);
+    if (!(lens.refractive_index * cosine > 1)) {
+      throw InputError("surface: light" + place(v) + " would have to bend by " + fixed(std::acos(cosine) * 180 / kPi, 1) +
+                       " degrees, at most " + fixed(std::acos(1 / lens.refractive_index) * 180 / kPi, 1) +
                        " are possible: enlarge receiver.distance_mm or make target.size_mm more like the lens");
     }
-    normals[v] = bending_normal(Vec3::UnitZ(), after, indices);
+    normals[v] = bending_normal(incoming[v], after, indices);
+    if (!(normals[v].z() > kSteepest)) {
+      throw InputError("surface: it would have to stand upright or overhang" + place(v) +
+                       ": bring the light nearer to the lens's axis, or the receiver");
+    }
   }
   return normals;
 }

@@ -41,6 +41,10 @@ HeightIntegrator::HeightIntegrator(int vertex_count, const std::vector<std::arra
 
 HeightIntegrator::~HeightIntegrator() = default;
 
+Eigen::VectorXd HeightIntegrator::solve(const Eigen::VectorXd& right) const {
+  return factor_->cholesky.solve(right);
+}
+
 std::vector<double> HeightIntegrator::integrate(const std::vector<Vec2>& xy, const std::vector<Vec2>& slopes) const {
   Eigen::VectorXd right = Eigen::VectorXd::Zero(vertex_count_);
   for (const auto& [i, j] : edges_) {
@@ -48,7 +52,7 @@ std::vector<double> HeightIntegrator::integrate(const std::vector<Vec2>& xy, con
     right[j] += rise;
     right[i] -= rise;
   }
-  const Eigen::VectorXd heights = factor_->cholesky.solve(right);
+  const Eigen::VectorXd heights = solve(right);
   if (!heights.allFinite()) throw NumericalError("surface: the height equations have no finite solution");
   const double lowest = heights.minCoeff();
   std::vector<double> result(vertex_count_);

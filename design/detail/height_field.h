@@ -23,6 +23,10 @@ class HeightIntegrator {
   /// fails.
   [[nodiscard]] std::vector<double> integrate(const std::vector<Vec2>& xy, const std::vector<Vec2>& slopes) const;
 
+  /// The edges' equations solved for any right-hand side, the first vertex held: a preconditioner for all that measures
+  /// slopes.
+  [[nodiscard]] Eigen::VectorXd solve(const Eigen::VectorXd& right) const;
+
   [[nodiscard]] const std::vector<std::array<int, 2>>& edges() const { return edges_; }
 
  private:

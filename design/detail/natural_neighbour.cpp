@@ -9,6 +9,7 @@
 #include <CGAL/Triangulation_vertex_base_with_info_2.h>
 #include <CGAL/natural_neighbor_coordinates_2.h>
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -24,54 +25,80 @@ using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<int, Kernel>;
 using Triangulation = CGAL::Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase>>;
 using Point = Kernel::Point_2;
 
-using SiteWeight = std::pair<int, double>;
-
 struct SiteOf {
-  SiteWeight operator()(const std::pair<Triangulation::Vertex_handle, double>& neighbour) const {
+  SiteShare operator()(const std::pair<Triangulation::Vertex_handle, double>& neighbour) const {
     return {neighbour.first->info(), neighbour.second};
   }
 };
 
 }  // namespace
 
-std::vector<Vec2> natural_neighbour_interpolation(const std::vector<Vec2>& sites, const std::vector<Vec2>& values,
-                                                  const std::vector<Vec2>& queries) {
+struct NaturalNeighbours::Delaunay {
+  Triangulation triangulation;
+  std::size_t sites = 0;
+};
+
+NaturalNeighbours::NaturalNeighbours(const std::vector<Vec2>& sites) : delaunay_(std::make_unique<Delaunay>()) {
   std::vector<std::pair<Point, int>> points;
   points.reserve(sites.size());
   for (std::size_t i = 0; i < sites.size(); ++i)
     points.emplace_back(Point(sites[i].x(), sites[i].y()), static_cast<int>(i));
-  Triangulation triangulation;
-  triangulation.insert(points.begin(), points.end());
-  if (triangulation.dimension() != 2) {
+  delaunay_->triangulation.insert(points.begin(), points.end());
+  delaunay_->sites = sites.size();
+  if (delaunay_->triangulation.dimension() != 2) {
     throw NumericalError("natural neighbour interpolation: the " + std::to_string(sites.size()) +
                          " sites lie on a line");
   }
+}
 
-  std::vector<Vec2> result(queries.size());
+NaturalNeighbours::~NaturalNeighbours() = default;
+NaturalNeighbours::NaturalNeighbours(NaturalNeighbours&&) noexcept = default;
+
+void NaturalNeighbours::each(const std::vector<Vec2>& queries,
+                             const std::function<void(std::size_t, const std::vector<SiteShare>&)>& visit) const {
+  const Triangulation& triangulation = delaunay_->triangulation;
   parallel_blocks(queries.size(), 2048, [&](std::size_t begin, std::size_t end) {
-    std::vector<SiteWeight> neighbours;
+    std::vector<SiteShare> shares;
     Triangulation::Face_handle near;
     for (std::size_t q = begin; q < end; ++q) {
       const Point query(queries[q].x(), queries[q].y());
       near = triangulation.locate(query, near);  // queries come in rows: the walk from the last face is short
-      neighbours.clear();
+      shares.clear();
       const bool within =
-          CGAL::natural_neighbor_coordinates_2(triangulation, query, std::back_inserter(neighbours), SiteOf(), near)
-              .third;
-      Vec2 sum = Vec2::Zero();
-      double weight_sum = 0;
-      for (const auto& [site, weight] : neighbours) {
-        sum += weight * values[site];
-        weight_sum += weight;
-      }
+          CGAL::natural_neighbor_coordinates_2(triangulation, query, std::back_inserter(shares), SiteOf(), near).third;
+      double sum = 0;
+      for (const SiteShare& share : shares) sum += share.second;
       // A query on a site's doorstep makes circumcentres of nearly collinear points: then the site itself is the
       // answer.
-      if (within && weight_sum > 0 && std::isfinite(weight_sum) && sum.allFinite()) {
-        result[q] = sum / weight_sum;
+      if (within && sum > 0 && std::isfinite(sum)) {
+        for (SiteShare& share : shares) share.second /= sum;
       } else {
-        result[q] = values[triangulation.nearest_vertex(query, near)->info()];
+        shares.assign(1, {triangulation.nearest_vertex(query, near)->info(), 1.0});
       }
+      visit(q, shares);
     }
+  });
+}
+
+std::vector<std::vector<int>> NaturalNeighbours::adjacent() const {
+  std::vector<std::vector<int>> result(delaunay_->sites);
+  const Triangulation& triangulation = delaunay_->triangulation;
+  for (const auto& edge : triangulation.finite_edges()) {
+    const int a = edge.first->vertex(Triangulation::cw(edge.second))->info();
+    const int b = edge.first->vertex(Triangulation::ccw(edge.second))->info();
+    result[a].push_back(b);
+    result[b].push_back(a);
+  }
+  for (auto& sites : result) std::sort(sites.begin(), sites.end());
+  return result;
+}
+
+std::vector<Vec2> natural_neighbour_interpolation(const std::vector<Vec2>& sites, const std::vector<Vec2>& values,
+                                                  const std::vector<Vec2>& queries) {
+  std::vector<Vec2> result(queries.size());
+  NaturalNeighbours(sites).each(queries, [&](std::size_t q, const std::vector<SiteShare>& shares) {
+    result[q].setZero();
+    for (const auto& [site, share] : shares) result[q] += share * values[site];
   });
   return result;
 }

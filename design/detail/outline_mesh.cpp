@@ -8,6 +8,7 @@
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 
 #include <algorithm>
+#include <cmath>
 #include <deque>
 #include <map>
 
@@ -38,7 +39,51 @@ bool inside_outline(const std::vector<std::vector<Vec2>>& loops, const Vec2& pla
   return inside;
 }
 
-PlanarMesh outline_mesh(const std::vector<std::vector<Vec2>>& loops, double edge_mm) {
+std::vector<Vec2> resampled(const std::vector<Vec2>& loop, double pitch_mm) {
+  constexpr double kCorner = 0.35;    // rad
+  constexpr double kNearest = 0.25;   // of the pitch, between two corners
+  constexpr int kFewest = 6;          // for what is smaller than the pitch
+  std::vector<Vec2> points;
+  for (const Vec2& p : loop) {
+    if (points.empty() || p != points.back()) points.push_back(p);
+  }
+  while (points.size() > 1 && points.front() == points.back()) points.pop_back();
+  const std::size_t count = points.size();
+  if (count < 3) return points;
+  std::vector<double> along(count + 1, 0.0);  // arc length
+  for (std::size_t k = 0; k < count; ++k) along[k + 1] = along[k] + (points[(k + 1) % count] - points[k]).norm();
+  std::vector<std::size_t> corners;
+  for (std::size_t k = 0; k < count; ++k) {
+    const Vec2 before = points[k] - points[(k + count - 1) % count];
+    const Vec2 after = points[(k + 1) % count] - points[k];
+    const double turn = std::abs(std::atan2(before.x() * after.y() - before.y() * after.x(), before.dot(after)));
+    const bool apart = corners.empty() || along[k] - along[corners.back()] > kNearest * pitch_mm;
+    if (turn > kCorner && apart) corners.push_back(k);
+  }
+  if (corners.empty()) corners.push_back(0);
+  std::vector<Vec2> result;
+  for (std::size_t c = 0; c < corners.size(); ++c) {
+    // From this corner to the next, around the loop's end for the last.
+    const double from = along[corners[c]];
+    const double to = c + 1 < corners.size() ? along[corners[c + 1]] : along[corners.front()] + along[count];
+    const int fewest = corners.size() < 3 ? kFewest : 1;
+    const int steps = std::max(fewest, static_cast<int>(std::lround((to - from) / pitch_mm)));
+    std::size_t k = corners[c];
+    for (int step = 0; step < steps; ++step) {
+      const double place = from + (to - from) * step / steps;
+      const auto end_of = [&](std::size_t edge) { return along[edge % count + 1] + (edge >= count ? along[count] : 0); };
+      while (end_of(k) <= place && k + 1 < 2 * count) ++k;
+      const Vec2& a = points[k % count];
+      const Vec2& b = points[(k + 1) % count];
+      const double length = (b - a).norm();
+      const double share = 1 - (end_of(k) - place) / length;
+      result.emplace_back(step == 0 ? points[corners[c]] : Vec2(a + share * (b - a)));
+    }
+  }
+  return result;
+}
+
+PlanarMesh outline_mesh(const std::vector<std::vector<Vec2>>& loops, double edge_mm, const std::vector<Vec2>& inner) {
   Triangulation triangulation;
   for (const auto& loop : loops) {
     for (std::size_t k = 0; k < loop.size(); ++k) {
@@ -77,6 +122,10 @@ PlanarMesh outline_mesh(const std::vector<std::vector<Vec2>>& loops, double edge
     }
     if (!lens && bounded) seeds.push_back(middle);
   }
+
+  std::vector<Point> points;
+  for (const Vec2& p : inner) points.emplace_back(p.x(), p.y());
+  triangulation.insert(points.begin(), points.end());
 
   // Shape bound 1/8 (angles above 20.7 degrees where the outline allows it), for which refinement provably ends.
   Mesher mesher(triangulation, Criteria(0.125, edge_mm));

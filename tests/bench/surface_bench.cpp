@@ -85,12 +85,12 @@ void print_surface(const char* name, const OpticalSurface& s, double cpu) {
 void point(const Setting& setting) {
   Lens lens;
   Receiver receiver;
-  const std::vector<Vec2> targets(start_mesh(lens, setting.mesh).vertices.size(), Vec2(0, 0));
+  const auto target = [](const std::vector<Vec2>& places) { return std::vector<Vec2>(places.size(), Vec2(0, 0)); };
   const double before = cpu_seconds();
   SurfaceOptions options;
   options.mesh = setting.mesh;
   options.outer_iterations = setting.turns;
-  const OpticalSurface s = solve_surface(lens, receiver, targets, options);
+  const OpticalSurface s = solve_surface(lens, {}, receiver, target, options);
   print_surface("point", s, cpu_seconds() - before);
   std::printf("point: RMS height error %.4f um\n", oval_rms_um(s, lens, receiver));
 }
@@ -100,16 +100,16 @@ void circle(const Setting& setting) {
   lens.shape = Lens::Shape::kDisk;
   Receiver receiver;
   constexpr double kRho = 25;
-  std::vector<Vec2> targets;
-  for (const Vec3& p : start_mesh(lens, setting.mesh).vertices) {
-    const double r = p.head<2>().norm();
-    targets.push_back(r > 0 ? Vec2(p.head<2>() * (kRho / r)) : Vec2(0, 0));
-  }
+  const auto target = [](const std::vector<Vec2>& places) {
+    std::vector<Vec2> targets;
+    for (const Vec2& p : places) targets.push_back(p.norm() > 0 ? Vec2(p * (kRho / p.norm())) : Vec2(0, 0));
+    return targets;
+  };
   const double before = cpu_seconds();
   SurfaceOptions options;
   options.mesh = setting.mesh;
   options.outer_iterations = setting.turns;
-  const OpticalSurface s = solve_surface(lens, receiver, targets, options);
+  const OpticalSurface s = solve_surface(lens, {}, receiver, target, options);
   print_surface("circle", s, cpu_seconds() - before);
   std::printf("circle: RMS height error %.4f um\n", oval_rms_um(s, lens, receiver));
 }
@@ -130,7 +130,7 @@ void picture(const char* name, const std::string& image, const std::string& draw
   SurfaceOptions options;
   options.mesh = setting.mesh;
   options.outer_iterations = setting.turns;
-  const OpticalSurface s = solve_surface(lens, receiver, map, options);
+  const OpticalSurface s = solve_surface(lens, {}, receiver, map, options);
   print_surface(name, s, cpu_seconds() - transported);
   const Caustic c = trace_mesh(s.mesh, lens, receiver, target.extent);
   const CausticMeasures m = measure_caustic(c, target);
