@@ -53,7 +53,7 @@ json to_json(const ToolPath& path, double rapid_mm_per_s) {
 
 StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& monitor) {
   if (job.lens.shape != Lens::Shape::kRectangle) {
-    throw InputError("lens.shape = \"disk\" can be designed, but not milled yet; use a rectangle, or stop with --until design");
+    throw InputError("lens.shape = \"disk\" or \"outline\" can be designed, but not milled yet; use a rectangle, or stop with --until design");
   }
   const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
   const Box2 extent = Box2::centred(job.lens.size_mm);
