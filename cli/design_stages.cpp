@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "cli/job_light.h"
+#include "cli/light_pictures.h"
 #include "cli/npy.h"
 #include "cli/pictures.h"
 #include "cli/stage_runs.h"
@@ -92,6 +93,16 @@ double write_target_pictures(const Job& job, const RunFolder& folder, const Targ
   return full_scale;
 }
 
+/// The power diagram of a quarter of the samples, whose cells are large enough to be seen [paper fig. 11].
+void write_quarter_diagram(const Job& job, const RunFolder& folder, const SourceLight& source, const TargetLight& target) {
+  constexpr int kMostSeen = 16384;
+  TransportOptions options = job.transport;
+  options.samples = std::clamp(options.samples / 4, 64, kMostSeen);
+  options.l1_tolerance = std::max(options.l1_tolerance, 1e-3);
+  options.max_tolerance = std::max(options.max_tolerance, 0.1);
+  write_cells_picture(folder.file("design/cells.png"), solve_transport(source, target, options), target.extent, job.receiver.viewed_from);
+}
+
 }  // namespace
 
 TargetLight target_of(const Job& job) { return load_target(job.target); }
@@ -136,6 +147,8 @@ StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor
   write_png8(folder.file("design/source.png"), as_seen(irradiance, job.receiver.viewed_from));
   const double full_scale = write_target_pictures(job, folder, target);
   write_map(folder, map);
+  write_samples_picture(folder.file("design/samples.png"), map, lit, target.extent, job.receiver.viewed_from);
+  write_quarter_diagram(job, folder, source, target);
 
   const TransportSummary& s = map.summary;
   StageResult result;
@@ -164,7 +177,7 @@ StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor
                                        {"white_times_mean", display_white(target)},
                                        {"png_full_scale_times_mean", full_scale},
                                        {"warnings", target.warnings}};
-  result.files = {"design/source.png", "design/target.png", "design/target_view.png", "design/transport.npy", "design/transport_cells.npy"};
+  result.files = {"design/source.png", "design/target.png", "design/target_view.png", "design/samples.png", "design/cells.png", "design/transport.npy", "design/transport_cells.npy"};
   return result;
 }
 
@@ -178,11 +191,14 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
   const TargetLight target = target_of(job);
   BeamOptions options = beam_options(job);
   options.pixels = kPicturePixels;
+  const Scene scene = scene_of(job);
   const CastLight cast =
       cast_light(surface.mesh, scene, job.receiver, target.extent, job.light.dispersion, options, monitor.part(0.9, 1));
   const Caustic& caustic = cast.caustic;
   const CausticMeasures measures = measure_caustic(caustic, target);
-  write_light_picture(folder.file("design/caustic.png"), cast, job.receiver.viewed_from, display_white(target));
+  const double white = display_white(target);
+  write_light_picture(folder.file("design/caustic.png"), cast, job.receiver.viewed_from, white);
+  write_exposures(folder.file("design/exposures.png"), caustic.flux, job.receiver.viewed_from, white);
   // Irradiance as a multiple of what would be even over the picture, as its reader sees it.
   Grid<float> irradiance(caustic.flux.width, caustic.flux.height);
   for (std::size_t i = 0; i < irradiance.values.size(); ++i) {
@@ -193,6 +209,9 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
   constexpr int kHeightPixels = 800;
   write_height_picture(folder.file("design/heights.png"), rasterise_heights(surface.mesh, extent, kHeightPixels),
                        extent.size().maxCoeff() / kHeightPixels);
+  write_curvature_picture(folder.file("design/curvature.png"), surface.mesh, extent);
+  write_checkerboard_picture(folder.file("design/checkerboard.png"), surface.mesh,
+                             ray_ends(surface.mesh, scene.lens, scene.light, job.receiver), extent, target.extent);
 
   const SurfaceSummary& s = surface.summary;
   StageResult result;
@@ -211,7 +230,8 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
   result.report["design"]["caustic"] = to_json(measures);
   result.report["design"]["caustic"].update(losses_json(caustic));
   result.report["design"]["caustic"]["warnings"] = loss_words(caustic);
-  result.files = {"design/surface.ply", "design/caustic.png", "design/caustic.exr", "design/heights.png"};
+  result.files = {"design/surface.ply", "design/caustic.png", "design/caustic.exr", "design/exposures.png", "design/heights.png",
+                  "design/curvature.png", "design/checkerboard.png"};
   return result;
 }
 

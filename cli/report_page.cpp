@@ -199,8 +199,23 @@ std::string report_page(const Job& job, const RunFolder& folder) {
           "milled, rebuilt from nothing but the programs' text. Polish is a model, not a measurement: a Gaussian low-pass of the milled heights with a "
           "standard deviation of " + compact(polish_um, 1) + " &micro;m. Raw cusps scatter light by several millimetres, so polishing is part of the optics.</p>\n";
 
+  if (const std::string pair = picture(folder, "design/exposures.png", "Half a second and two seconds",
+                                       "designed surface, one irradiance with gains 1 and 4, clipped at white", true);
+      !pair.empty())
+    html += "<div class=pictures style=\"margin-top:14px\">\n" + pair + "</div>\n";
+
+  html += "<h2>How the light is sorted</h2>\n<div class=pictures>\n";
+  html += picture(folder, "design/checkerboard.png", "Checkerboard through the lens",
+                  "a board of 20 squares on the wall, seen through the lens; blue: beside the picture");
+  html += picture(folder, "design/cells.png", "Power diagram",
+                  "each cell receives the same light; a quarter of the samples, at most 16,384, so that cells can be seen");
+  html += "</div>\n<div class=pictures style=\"margin-top:14px\">\n";
+  html += picture(folder, "design/samples.png", "Samples on their way", "regularly placed on the lens (left), a third and two thirds of the way, and in the picture (right)");
+  html += "</div>\n";
+
   html += "<h2>The part</h2>\n<div class=pictures>\n";
   html += picture(folder, "design/heights.png", "Height", "lens seen from above, mm over the flat back");
+  html += picture(folder, "design/curvature.png", "Curvature", "mean curvature, red: bulges, blue: hollow; lines are creases");
   const std::string range = number_at(report, "/dry_run/deviation_picture_range_um", 1);
   html += picture(folder, "dry_run/deviation.png", "Milled minus designed",
                   "red: material left, blue: material missing; full colour at " + range + " µm; strongest value per pixel");

@@ -244,4 +244,20 @@ Caustic trace_beams(const SurfaceMesh& mesh, const Lens& lens, const Light& ligh
   return caustic;
 }
 
+std::vector<RayEnds> ray_ends(const SurfaceMesh& mesh, const Lens& lens, const Light& light, const Receiver& receiver) {
+  const Illumination illumination(light, lens);
+  const ReceiverFrame frame = receiver_frame(lens, receiver);
+  std::vector<RayEnds> ends(mesh.vertices.size());
+  parallel_blocks(ends.size(), 8192, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t v = begin; v < end; ++v) {
+      const IncomingRay ray = illumination.at(mesh.vertices[v]);
+      ends[v].entry_mm = ray.entry_mm;
+      Vec3 after;
+      ends[v].lands = ray.irradiance > 0 && refract(ray.direction, mesh.normals[v], {lens.refractive_index, 1}, after) &&
+                      frame.meet(mesh.vertices[v], after, ends[v].landed_mm);
+    }
+  });
+  return ends;
+}
+
 }  // namespace lightmill

@@ -23,6 +23,14 @@ struct BeamOptions {
 Caustic trace_beams(const SurfaceMesh& mesh, const Lens& lens, const Light& light, const Receiver& receiver, const Box2& extent,
                     const BeamOptions& options = {}, const Monitor& monitor = {});
 
+/// Where the ray through each vertex enters the back and lands on the receiver, from the middle of the light.
+struct RayEnds {
+  Vec2 entry_mm{0, 0};   ///< on z = 0
+  Vec2 landed_mm{0, 0};  ///< receiver coordinates
+  bool lands = false;    ///< false: no light, totally reflected, or off the receiver's plane
+};
+std::vector<RayEnds> ray_ends(const SurfaceMesh& mesh, const Lens& lens, const Light& light, const Receiver& receiver);
+
 /// Share of unpolarised light that passes a surface at this cosine of the angle before it; 0 on total reflection.
 double fresnel_transmission(double cos_before, const Indices& indices);
 
