@@ -222,10 +222,10 @@ TracedSource trace_source(const Lens& lens, const Light& light, const Receiver& 
 }
 
 std::vector<std::vector<Vec2>> read_outline(const std::string& path, const Vec2& size_mm) {
-  const detail::Drawing drawing = detail::read_drawing(path, size_mm, ViewedFrom::kBehind);
+  const detail::Drawing drawing = detail::read_drawing(path, size_mm, ViewedFrom::kBehind, detail::DrawingUse::kOutlines);
   std::vector<std::vector<Vec2>> loops;
-  for (const auto& fill : drawing.fills) {
-    for (const auto& loop : fill.outlines_mm) {
+  for (const auto& fill : drawing.shapes.fills) {
+    for (const auto& loop : fill.shape.outlines_mm) {
       if (loop.size() >= 3) loops.push_back(loop);
     }
   }

@@ -15,6 +15,7 @@ namespace lightmill {
 namespace {
 
 constexpr double kDefaultCurveFlux = 0.5;
+constexpr double kStretch = 0.01;  // of a picture that passes without a word
 
 void check(const TargetSpec& spec) {
   if (spec.image.empty() && spec.drawing.empty()) throw InputError("target: give an image, a drawing or both");
@@ -23,39 +24,6 @@ void check(const TargetSpec& spec) {
     throw InputError("target.curve_flux = " + compact(spec.curve_flux, 6) + ": must be a share from 0 to 1");
   if (!(spec.background >= 0))
     throw InputError("target.background = " + compact(spec.background, 6) + ": must be at least 0");
-}
-
-/// The parts of a curve inside a box; densities are interpolated at the cuts.
-std::vector<CurveLight> clipped(const CurveLight& curve, const Box2& box) {
-  std::vector<CurveLight> parts;
-  bool open = false;  // the last part continues
-  for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
-    const Vec2& p = curve.vertices_mm[k];
-    const Vec2 d = curve.vertices_mm[k + 1] - p;
-    double t0 = 0;
-    double t1 = 1;
-    for (int axis = 0; axis < 2; ++axis) {
-      if (d[axis] == 0) {
-        if (p[axis] < box.min[axis] || p[axis] > box.max[axis]) t1 = -1;
-        continue;
-      }
-      double enter = (box.min[axis] - p[axis]) / d[axis];
-      double leave = (box.max[axis] - p[axis]) / d[axis];
-      if (enter > leave) std::swap(enter, leave);
-      t0 = std::max(t0, enter);
-      t1 = std::min(t1, leave);
-    }
-    if (t0 >= t1) {
-      open = false;
-      continue;
-    }
-    const auto density = [&](double t) { return (1 - t) * curve.density_per_mm[k] + t * curve.density_per_mm[k + 1]; };
-    if (!open || t0 > 0) parts.push_back({{p + t0 * d}, {density(t0)}});
-    parts.back().vertices_mm.push_back(t1 == 1 ? curve.vertices_mm[k + 1] : Vec2(p + t1 * d));
-    parts.back().density_per_mm.push_back(density(t1));
-    open = t1 == 1;
-  }
-  return parts;
 }
 
 }  // namespace
@@ -116,6 +84,12 @@ TargetLight load_target(const TargetSpec& spec) {
     const Picture picture = read_picture(spec.image, spec.transfer);
     const Grid<float> placed =
         as_seen(picture.gray, spec.viewed_from);  // its own inverse: from the picture to the receiver
+    const double stretch = spec.size_mm.x() * placed.height / (spec.size_mm.y() * placed.width);
+    if (std::abs(std::log(stretch)) > kStretch) {
+      target.warnings.push_back("picture " + spec.image.string() + " of " + std::to_string(placed.width) + " x " +
+                                std::to_string(placed.height) + " pixels is stretched onto " + compact(spec.size_mm.x(), 3) +
+                                " x " + compact(spec.size_mm.y(), 3) + " mm; give target.size_mm its proportions");
+    }
     target.area_flux = Grid<double>(placed.width, placed.height);
     const double pixel = size / static_cast<double>(placed.values.size());
     std::transform(placed.values.begin(), placed.values.end(), target.area_flux.values.begin(),
@@ -125,7 +99,7 @@ TargetLight load_target(const TargetSpec& spec) {
     }
   }
   try {
-    target.area_borders = detail::borders_of(drawing.fills, target.extent);
+    target.area_borders = detail::borders_of(drawing.shapes, target.extent);
   } catch (const InputError& e) {
     throw InputError("drawing " + spec.drawing.string() + ": " + e.what());
   }
@@ -134,15 +108,9 @@ TargetLight load_target(const TargetSpec& spec) {
 
   // Singular light, inside the picture only.
   for (const auto& stroke : drawing.strokes) {
-    for (auto& part : clipped(stroke, target.extent)) target.curves.push_back(std::move(part));
+    for (auto& part : detail::clipped(stroke, target.extent)) target.curves.push_back(std::move(part));
   }
-  for (const auto& point : drawing.points) {
-    if (target.extent.contains(point.position_mm)) {
-      target.points.push_back(point);
-    } else {
-      target.warnings.push_back(spec.drawing.string() + ": a point lies outside the picture and is left out");
-    }
-  }
+  target.points = drawing.points;
   if (!spec.drawing.empty() && spec.image.empty() && !(area > 0) && target.curves.empty() && target.points.empty()) {
     std::string hint = target.warnings.empty() ? "" : " (" + target.warnings.front() + ")";
     throw InputError("drawing " + spec.drawing.string() +

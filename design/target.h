@@ -57,7 +57,7 @@ enum class ViewedFrom { kLens, kBehind };
 struct TargetSpec {
   std::filesystem::path image;      ///< empty: none
   std::filesystem::path drawing;    ///< SVG; empty: none
-  Vec2 size_mm{100, 100};           ///< of the picture on the receiver; image and drawing are stretched onto it
+  Vec2 size_mm{100, 100};           ///< of the picture on the receiver; an image is stretched onto it, a drawing fitted
   double curve_flux = -1;           ///< share of all light that goes into the drawing's curves; < 0: by the drawing's own
                                     ///< relative fluxes when there is no area light, else 0.5
   double background = 0;            ///< irradiance added everywhere, as a share of the area light's mean

@@ -18,7 +18,7 @@ struct Edge {
   Vec2 low;
   Vec2 high;
   int winding;
-  int fill;
+  int region;
   [[nodiscard]] double x_at(double y) const {
     if (y <= low.y()) return low.x();
     if (y >= high.y()) return high.x();
@@ -27,9 +27,9 @@ struct Edge {
 };
 
 /// Adds the edge from p to q within the extent's heights; what lies left or right of it is moved onto its sides.
-void add_edge(std::vector<Edge>& edges, const Vec2& p, const Vec2& q, int fill, const Box2& extent) {
+void add_edge(std::vector<Edge>& edges, const Vec2& p, const Vec2& q, int region, const Box2& extent) {
   if (p.y() == q.y()) return;
-  const Edge whole = p.y() < q.y() ? Edge{p, q, 1, fill} : Edge{q, p, -1, fill};
+  const Edge whole = p.y() < q.y() ? Edge{p, q, 1, region} : Edge{q, p, -1, region};
   const double bottom = std::max(whole.low.y(), extent.min.y());
   const double top = std::min(whole.high.y(), extent.max.y());
   if (!(bottom < top)) return;
@@ -52,7 +52,7 @@ void add_edge(std::vector<Edge>& edges, const Vec2& p, const Vec2& q, int fill, 
     if (x >= right) low.x() = high.x() = right;
     low.x() = std::clamp(low.x(), left, right);
     high.x() = std::clamp(high.x(), left, right);
-    edges.push_back({low, high, whole.winding, fill});
+    edges.push_back({low, high, whole.winding, region});
   }
 }
 
@@ -84,49 +84,126 @@ void add_crossings(const std::vector<Edge>& edges, std::vector<double>& levels) 
   }
 }
 
-/// What covers the place that a sweep along x has reached.
+/// What covers the place that a sweep along x has reached. Regions are the fills' shapes, then the clips' parts.
 class Covering {
  public:
-  explicit Covering(const std::vector<Fill>& fills) : fills_(fills), windings_(fills.size(), 0) {}
+  explicit Covering(const FilledShapes& shapes) : shapes_(shapes), parts_in_(shapes.clips.size(), 0) {
+    for (std::size_t c = 0; c < shapes.clips.size(); ++c) clip_of_.resize(clip_of_.size() + shapes.clips[c].size(), c);
+    windings_.assign(shapes.fills.size() + clip_of_.size(), 0);
+    for (const auto& fill : shapes.fills) rules_.push_back(fill.shape.rule);
+    for (const auto& clip : shapes.clips) {
+      for (const auto& region : clip) rules_.push_back(region.rule);
+    }
+  }
 
   void pass(const Edge& edge) {
-    int& winding = windings_[edge.fill];
-    const bool was = inside(edge.fill, winding);
+    int& winding = windings_[edge.region];
+    const bool was = inside(edge.region, winding);
     winding += edge.winding;
-    if (was == inside(edge.fill, winding)) return;
-    const auto place = std::lower_bound(covering_.begin(), covering_.end(), edge.fill);
+    if (was == inside(edge.region, winding)) return;
+    const std::size_t fills = shapes_.fills.size();
+    if (static_cast<std::size_t>(edge.region) >= fills) {
+      parts_in_[clip_of_[edge.region - fills]] += was ? -1 : 1;
+      return;
+    }
+    const auto place = std::lower_bound(covering_.begin(), covering_.end(), edge.region);
     if (was) {
       covering_.erase(place);
     } else {
-      covering_.insert(place, edge.fill);
+      covering_.insert(place, edge.region);
     }
   }
-  /// As a viewer shows it: every fill over those before it.
-  [[nodiscard]] double irradiance() const {
-    double sum = 0;
-    for (const int k : covering_) sum += fills_[k].opacity * (fills_[k].light - sum);
-    return sum;
+
+  /// As a viewer shows it: every fill over those before it, groups as one layer.
+  [[nodiscard]] double irradiance() {
+    layers_.assign(1, {});
+    for (const int k : covering_) {
+      const Fill& fill = shapes_.fills[k];
+      if (std::any_of(fill.clips.begin(), fill.clips.end(), [&](int clip) { return parts_in_[clip] == 0; })) continue;
+      while (!holds(layers_.back().group, fill.group)) leave();
+      enter(fill.group);
+      layers_.back().cover(fill.opacity * fill.light, fill.opacity);
+    }
+    while (layers_.size() > 1) leave();
+    return layers_.front().light;
   }
 
  private:
-  [[nodiscard]] bool inside(int fill, int winding) const {
-    return fills_[fill].rule == FillRule::kNonZero ? winding != 0 : winding % 2 != 0;
+  struct Layer {
+    int group = -1;
+    double light = 0;
+    double opacity = 0;
+    void cover(double more, double by) {
+      light = more + (1 - by) * light;
+      opacity = by + (1 - by) * opacity;
+    }
+  };
+
+  [[nodiscard]] bool inside(int region, int winding) const {
+    return rules_[region] == FillRule::kNonZero ? winding != 0 : winding % 2 != 0;
+  }
+  [[nodiscard]] bool holds(int outer, int group) const {
+    while (group > outer) group = shapes_.groups[group].parent;
+    return group == outer;
+  }
+  void enter(int group) {
+    if (group == layers_.back().group) return;
+    enter(shapes_.groups[group].parent);
+    layers_.push_back({group});
+  }
+  void leave() {
+    const Layer top = layers_.back();
+    layers_.pop_back();
+    const double opacity = shapes_.groups[top.group].opacity;
+    layers_.back().cover(opacity * top.light, opacity * top.opacity);
   }
 
-  const std::vector<Fill>& fills_;
+  const FilledShapes& shapes_;
+  std::vector<std::size_t> clip_of_;  // of the regions after the fills
+  std::vector<FillRule> rules_;       // of every region
   std::vector<int> windings_;
-  std::vector<int> covering_;
+  std::vector<int> parts_in_;  // of every clip: how many of its parts are here
+  std::vector<int> covering_;  // fills that are here, clipped or not
+  std::vector<Layer> layers_;
 };
+
+/// Keeps the parts of a curve for which `cuts` gives pieces [t0, t1] of the segment from p to q.
+template <typename Pieces>
+std::vector<CurveLight> kept(const CurveLight& curve, const Pieces& pieces) {
+  std::vector<CurveLight> parts;
+  bool open = false;  // the last part continues
+  for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {
+    const Vec2& p = curve.vertices_mm[k];
+    const Vec2& q = curve.vertices_mm[k + 1];
+    const auto density = [&](double t) { return (1 - t) * curve.density_per_mm[k] + t * curve.density_per_mm[k + 1]; };
+    bool continues = false;
+    for (const auto& [t0, t1] : pieces(p, q)) {
+      if (!(t0 < t1)) continue;
+      if (!open || t0 > 0) parts.push_back({{p + t0 * (q - p)}, {density(t0)}});
+      parts.back().vertices_mm.push_back(t1 == 1 ? q : Vec2(p + t1 * (q - p)));
+      parts.back().density_per_mm.push_back(density(t1));
+      open = continues = t1 == 1;
+    }
+    open = continues;
+  }
+  return parts;
+}
 
 }  // namespace
 
-std::vector<AreaBorder> borders_of(const std::vector<Fill>& fills, const Box2& extent) {
+std::vector<AreaBorder> borders_of(const FilledShapes& shapes, const Box2& extent) {
   std::vector<Edge> edges;
-  for (std::size_t f = 0; f < fills.size(); ++f) {
-    for (const auto& outline : fills[f].outlines_mm) {
+  int regions = 0;
+  const auto add_region = [&](const Region& region) {
+    for (const auto& outline : region.outlines_mm) {
       for (std::size_t k = 0; k < outline.size(); ++k)
-        add_edge(edges, outline[k], outline[(k + 1) % outline.size()], static_cast<int>(f), extent);
+        add_edge(edges, outline[k], outline[(k + 1) % outline.size()], regions, extent);
     }
+    ++regions;
+  };
+  for (const auto& fill : shapes.fills) add_region(fill.shape);
+  for (const auto& clip : shapes.clips) {
+    for (const auto& region : clip) add_region(region);
   }
   std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) { return a.low.y() < b.low.y(); });
   std::vector<double> levels;  // where the order of edges can change
@@ -151,7 +228,7 @@ std::vector<AreaBorder> borders_of(const std::vector<Fill>& fills, const Box2& e
     if (r.jump != 0 && until > r.since)
       borders.push_back({{edges[r.edge].x_at(r.since), r.since}, {edges[r.edge].x_at(until), until}, r.jump});
   };
-  Covering covering(fills);
+  Covering covering(shapes);
   std::vector<Running> active;  // from left to right
   std::size_t next = 0;
   std::size_t steps = 0;
@@ -207,6 +284,72 @@ std::vector<AreaBorder> borders_of(const std::vector<Fill>& fills, const Box2& e
   }
   for (const Running& r : active) write_down(r, levels.back());
   return borders;
+}
+
+bool Region::contains(const Vec2& p) const {
+  int winding = 0;
+  for (const auto& outline : outlines_mm) {
+    for (std::size_t k = 0; k < outline.size(); ++k) {
+      const Vec2& a = outline[k];
+      const Vec2& b = outline[(k + 1) % outline.size()];
+      if ((a.y() <= p.y()) == (b.y() <= p.y())) continue;
+      if (a.x() + (p.y() - a.y()) / (b.y() - a.y()) * (b.x() - a.x()) < p.x()) winding += a.y() < b.y() ? 1 : -1;
+    }
+  }
+  return rule == FillRule::kNonZero ? winding != 0 : winding % 2 != 0;
+}
+
+std::vector<CurveLight> clipped(const CurveLight& curve, const Box2& box) {
+  using Piece = std::pair<double, double>;
+  return kept(curve, [&](const Vec2& p, const Vec2& q) {
+    double t0 = 0;
+    double t1 = 1;
+    for (int axis = 0; axis < 2; ++axis) {
+      const double d = q[axis] - p[axis];
+      if (d == 0) {
+        if (p[axis] < box.min[axis] || p[axis] > box.max[axis]) t1 = -1;
+        continue;
+      }
+      const auto [enter, leave] = std::minmax({(box.min[axis] - p[axis]) / d, (box.max[axis] - p[axis]) / d});
+      t0 = std::max(t0, enter);
+      t1 = std::min(t1, leave);
+    }
+    return std::vector<Piece>{{t0, t1}};
+  });
+}
+
+std::vector<CurveLight> clipped(const CurveLight& curve, const Clip& clip) {
+  using Piece = std::pair<double, double>;
+  return kept(curve, [&](const Vec2& p, const Vec2& q) {
+    const Vec2 d = q - p;
+    const auto cross = [](const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); };
+    std::vector<double> cuts{0, 1};
+    for (const Region& region : clip) {
+      for (const auto& outline : region.outlines_mm) {
+        for (std::size_t k = 0; k < outline.size(); ++k) {
+          const Vec2& a = outline[k];
+          const Vec2 e = outline[(k + 1) % outline.size()] - a;
+          const double denominator = cross(d, e);
+          if (denominator == 0) continue;
+          const double t = cross(a - p, e) / denominator;
+          const double s = cross(a - p, d) / denominator;
+          if (t > 0 && t < 1 && s >= 0 && s <= 1) cuts.push_back(t);
+        }
+      }
+    }
+    std::sort(cuts.begin(), cuts.end());
+    std::vector<Piece> pieces;
+    for (std::size_t k = 0; k + 1 < cuts.size(); ++k) {
+      const Vec2 middle = p + (cuts[k] + cuts[k + 1]) / 2 * d;
+      if (std::none_of(clip.begin(), clip.end(), [&](const Region& region) { return region.contains(middle); })) continue;
+      if (!pieces.empty() && pieces.back().second == cuts[k]) {
+        pieces.back().second = cuts[k + 1];
+      } else {
+        pieces.emplace_back(cuts[k], cuts[k + 1]);
+      }
+    }
+    return pieces;
+  });
 }
 
 }  // namespace lightmill::detail

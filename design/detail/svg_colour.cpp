@@ -1,3 +1,5 @@
+#include "design/detail/svg_colour.h"
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -6,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "design/detail/svg.h"
+#include "design/detail/svg_values.h"
 
 namespace lightmill::detail {
 
@@ -172,10 +174,6 @@ double linear(double code) {
   return code <= 0.04045 ? code / 12.92 : std::pow((code + 0.055) / 1.055, 2.4);
 }
 
-double luminance(double red, double green, double blue) {
-  return 0.2126 * linear(red) + 0.7152 * linear(green) + 0.0722 * linear(blue);
-}
-
 /// The arguments of a function such as rgb(1, 2, 3), percentages as shares of `full`; empty when they are not numbers.
 std::vector<double> arguments(std::string_view inside, double full) {
   std::vector<double> values;
@@ -195,6 +193,9 @@ std::vector<double> arguments(std::string_view inside, double full) {
       ++at;
     } else if (inside.substr(at, 3) == "deg") {
       at += 3;
+    } else if (inside.substr(at, 4) == "turn") {
+      value *= 360;
+      at += 4;
     }
     values.push_back(value);
   }
@@ -203,63 +204,49 @@ std::vector<double> arguments(std::string_view inside, double full) {
 
 }  // namespace
 
-bool parse_colour(std::string_view text, double& light, double& opacity) {
-  std::string lower;
-  for (const char c : text) {
-    if (!lower.empty() || (c != ' ' && c != '\t' && c != '\n'))
-      lower += static_cast<char>(c >= 'A' && c <= 'Z' ? c + 32 : c);
-  }
-  while (!lower.empty() && (lower.back() == ' ' || lower.back() == '\n' || lower.back() == '\t')) lower.pop_back();
-  opacity = 1;
-  if (lower == "transparent") {
-    light = opacity = 0;
-    return true;
-  }
+double Colour::light() const {
+  return 0.2126 * linear(red) + 0.7152 * linear(green) + 0.0722 * linear(blue);
+}
+
+std::optional<Colour> parse_colour(std::string_view text) {
+  const std::string lower = lower_case(trimmed(text));
+  if (lower == "transparent") return Colour{0, 0, 0, 0};
   if (lower.starts_with('#')) {
     const std::size_t digits = lower.size() - 1;
-    if (digits != 3 && digits != 4 && digits != 6 && digits != 8) return false;
+    if (digits != 3 && digits != 4 && digits != 6 && digits != 8) return std::nullopt;
     const std::size_t each = digits <= 4 ? 1 : 2;
     std::array<double, 4> channel{0, 0, 0, 1};
     for (std::size_t k = 0; k * each < digits; ++k) {
-      int value = 0;
+      unsigned value = 0;
       const char* begin = lower.data() + 1 + k * each;
       const auto [end, error] = std::from_chars(begin, begin + each, value, 16);
-      if (error != std::errc() || end != begin + each) return false;
+      if (error != std::errc() || end != begin + each) return std::nullopt;
       channel[k] = each == 1 ? value / 15.0 : value / 255.0;
     }
-    light = luminance(channel[0], channel[1], channel[2]);
-    opacity = channel[3];
-    return true;
+    return Colour{channel[0], channel[1], channel[2], channel[3]};
   }
   const std::size_t open = lower.find('(');
   if (open != std::string::npos && lower.back() == ')') {
     const std::string_view name = std::string_view(lower).substr(0, open);
     const std::string_view inside = std::string_view(lower).substr(open + 1, lower.size() - open - 2);
-    if (name == "rgb" || name == "rgba") {
-      const auto v = arguments(inside, 255);
-      if (v.size() != 3 && v.size() != 4) return false;
-      light = luminance(v[0] / 255, v[1] / 255, v[2] / 255);
-      if (v.size() == 4) opacity = std::clamp(v[3], 0.0, 1.0);
-      return true;
-    }
-    if (name == "hsl" || name == "hsla") {
-      const auto v = arguments(inside, 1);
-      if (v.size() != 3 && v.size() != 4) return false;
-      const auto channel = [&](double n) {  // CSS Color Module Level 4, sec. 7.1
-        const double k = std::fmod(std::fmod(n + v[0] / 30, 12) + 12, 12);
-        return v[2] - v[1] * std::min(v[2], 1 - v[2]) * std::max(-1.0, std::min({k - 3, 9 - k, 1.0}));
-      };
-      light = luminance(channel(0), channel(8), channel(4));
-      if (v.size() == 4) opacity = std::clamp(v[3], 0.0, 1.0);
-      return true;
-    }
-    return false;
+    const bool rgb = name == "rgb" || name == "rgba";
+    if (!rgb && name != "hsl" && name != "hsla") return std::nullopt;
+    const auto v = arguments(inside, rgb ? 255 : 1);
+    if (v.size() != 3 && v.size() != 4) return std::nullopt;
+    const double opacity = v.size() == 4 ? std::clamp(v[3], 0.0, 1.0) : 1;
+    if (rgb) return Colour{v[0] / 255, v[1] / 255, v[2] / 255, opacity};
+    const auto channel = [&](double n) {  // CSS Color Module Level 4, sec. 7.1
+      const double saturation = std::clamp(v[1], 0.0, 1.0);
+      const double lightness = std::clamp(v[2], 0.0, 1.0);
+      const double k = std::fmod(std::fmod(n + v[0] / 30, 12) + 12, 12);
+      return lightness - saturation * std::min(lightness, 1 - lightness) * std::max(-1.0, std::min({k - 3, 9 - k, 1.0}));
+    };
+    return Colour{channel(0), channel(8), channel(4), opacity};
   }
   const auto* found = std::lower_bound(std::begin(kNamed), std::end(kNamed), lower,
                                        [](const Named& named, const std::string& name) { return named.name < name; });
-  if (found == std::end(kNamed) || found->name != lower) return false;
-  light = luminance((found->rgb >> 16) / 255.0, (found->rgb >> 8 & 255) / 255.0, (found->rgb & 255) / 255.0);
-  return true;
+  if (found == std::end(kNamed) || found->name != lower) return std::nullopt;
+  return Colour{(found->rgb >> 16) / 255.0, (found->rgb >> 8 & 255) / 255.0, (found->rgb & 255) / 255.0, 1};
 }
 
 }  // namespace lightmill::detail

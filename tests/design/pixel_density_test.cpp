@@ -30,7 +30,7 @@ struct Scene {
     double sum = 0;
     for (const Fill& fill : fills) {
       int winding = 0;
-      for (const Polygon& outline : fill.outlines_mm) {
+      for (const Polygon& outline : fill.shape.outlines_mm) {
         for (std::size_t k = 0; k < outline.size(); ++k) {
           const Vec2& a = outline[k];
           const Vec2& b = outline[(k + 1) % outline.size()];
@@ -38,7 +38,7 @@ struct Scene {
           if (a.x() + (p.y() - a.y()) / (b.y() - a.y()) * (b.x() - a.x()) < p.x()) winding += a.y() < b.y() ? 1 : -1;
         }
       }
-      if (fill.rule == FillRule::kNonZero ? winding != 0 : winding % 2 != 0) sum += fill.opacity * (fill.light - sum);
+      if (fill.shape.rule == FillRule::kNonZero ? winding != 0 : winding % 2 != 0) sum += fill.opacity * (fill.light - sum);
     }
     const Vec2 pitch = extent.size().cwiseQuotient(Vec2(flux.width, flux.height));
     const Vec2 at = (p - extent.min).cwiseQuotient(pitch);
@@ -50,7 +50,7 @@ struct Scene {
   [[nodiscard]] std::vector<std::pair<Vec2, Vec2>> segments() const {
     std::vector<std::pair<Vec2, Vec2>> all;
     for (const Fill& fill : fills) {
-      for (const Polygon& outline : fill.outlines_mm) {
+      for (const Polygon& outline : fill.shape.outlines_mm) {
         for (std::size_t k = 0; k < outline.size(); ++k)
           all.emplace_back(outline[k], outline[(k + 1) % outline.size()]);
       }
@@ -66,7 +66,7 @@ struct Scene {
     }
     return all;
   }
-  [[nodiscard]] PixelDensity measured() const { return {flux, extent, borders_of(fills, extent)}; }
+  [[nodiscard]] PixelDensity measured() const { return {flux, extent, borders_of({fills, {}, {}}, extent)}; }
 };
 
 struct Truth {
@@ -202,11 +202,11 @@ Scene random_scene(Places& places, int trial) {
   const int count = 1 + trial % 3;
   for (int k = 0; k < count; ++k) {
     Fill fill;
-    fill.rule = (trial + k) % 2 == 0 ? FillRule::kEvenOdd : FillRule::kNonZero;
+    fill.shape.rule = (trial + k) % 2 == 0 ? FillRule::kEvenOdd : FillRule::kNonZero;
     fill.light = k % 2 == 0 ? 1 + k : 0.3;
     fill.opacity = trial % 5 == 0 ? 1 : 0.6;
-    fill.outlines_mm.resize(1 + trial % 2);
-    for (Polygon& outline : fill.outlines_mm) {
+    fill.shape.outlines_mm.resize(1 + trial % 2);
+    for (Polygon& outline : fill.shape.outlines_mm) {
       for (int v = 0; v < 3 + trial % 5; ++v) outline.push_back(places({-3, 0}, {5, 6}));  // partly outside
     }
     scene.fills.push_back(fill);
@@ -257,8 +257,8 @@ TEST(PixelDensity, ShapesThinnerThanAPixelKeepTheirPlace) {
   scene.extent = {{0, 0}, {10, 10}};
   scene.flux = Grid<double>(5, 5);
   // A needle within one column of pixels, and a hair across many.
-  scene.fills.push_back({{{{2.3, 0.7}, {2.31, 9.6}, {2.305, 9.6}}}, FillRule::kNonZero, 1, 1});
-  scene.fills.push_back({{{{0.1, 4.1}, {9.9, 4.9}, {9.9, 4.901}}}, FillRule::kNonZero, 2, 1});
+  scene.fills.push_back({{{{{2.3, 0.7}, {2.31, 9.6}, {2.305, 9.6}}}}, 1, 1, -1, {}});
+  scene.fills.push_back({{{{{0.1, 4.1}, {9.9, 4.9}, {9.9, 4.901}}}}, 2, 1, -1, {}});
   const PixelDensity density = scene.measured();
   for (const Polygon& cell : {Polygon{{2.2, 1}, {2.304, 1}, {2.304, 9}, {2.2, 9}}, Polygon{{2.25, 3}, {2.9, 4}, {2.6, 5}},
                               Polygon{{8, 4}, {9.5, 4.5}, {9.7, 4.89}, {8, 4.75}}}) {
@@ -274,8 +274,8 @@ TEST(PixelDensity, WhatLiesBetweenFillsIsExactlyBlack) {
   scene.flux = Grid<double>(90, 70);
   Polygon circle;
   for (int k = 0; k < 97; ++k) circle.emplace_back(2 + 1.37 * std::cos(2 * kPi * k / 97), 3 + 1.37 * std::sin(2 * kPi * k / 97));
-  scene.fills.push_back({{circle}, FillRule::kNonZero, 1.0 / 3, 0.7});
-  scene.fills.push_back({{{{5.01, 1.3}, {8.3, 2.2}, {6.1, 6.33}}}, FillRule::kNonZero, 0.1, 1});
+  scene.fills.push_back({{{circle}}, 1.0 / 3, 0.7, -1, {}});
+  scene.fills.push_back({{{{{5.01, 1.3}, {8.3, 2.2}, {6.1, 6.33}}}}, 0.1, 1, -1, {}});
   const PixelDensity density = scene.measured();
   for (const Polygon& cell : {Polygon{{3.6, 0.3}, {4.9, 0.3}, {4.9, 6}, {3.6, 6}}, Polygon{{8.5, 0}, {9, 0}, {9, 7}, {8.5, 7}}}) {
     const Truth sum = contour(density, cell);
@@ -291,7 +291,7 @@ TEST(PixelDensity, PowerDiagramsShareOutAllLight) {
     TargetLight target;
     target.extent = scene.extent;
     target.area_flux = scene.flux;
-    target.area_borders = borders_of(scene.fills, scene.extent);
+    target.area_borders = borders_of({scene.fills, {}, {}}, scene.extent);
     target.normalise();
     std::vector<Vec2> sites;
     std::vector<double> psi;

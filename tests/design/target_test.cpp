@@ -2,11 +2,8 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 #include <numeric>
 #include <random>
 #include <string>
@@ -15,47 +12,14 @@
 #include "design/detail/fills.h"
 #include "design/detail/svg.h"
 #include "design/detail/target_measure.h"
+#include "tests/design/drawing_fixture.h"
 
 namespace lightmill {
 namespace {
 
 using ::testing::HasSubstr;
-namespace fs = std::filesystem;
 
-/// A folder that goes away with the test.
-class TargetTest : public ::testing::Test {
- protected:
-  TargetTest() {
-    const auto* info = ::testing::UnitTest::GetInstance()->current_test_info();
-    folder_ = fs::temp_directory_path() /
-              ("lightmill_target_" + std::string(info->name()) + "_" + std::to_string(::getpid()));
-    fs::create_directories(folder_);
-  }
-  ~TargetTest() override { fs::remove_all(folder_); }
-
-  fs::path write(const std::string& name, const std::string& text) const {
-    std::ofstream(folder_ / name, std::ios::binary) << text;
-    return folder_ / name;
-  }
-  /// A drawing of 200 x 100 user units on 200 x 100 mm, seen from behind: x to the right, y up, origin in the centre.
-  TargetSpec drawing(const std::string& body) const {
-    TargetSpec spec;
-    spec.drawing = write("drawing.svg",
-                         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 200 100\">\n" + body + "\n</svg>\n");
-    spec.size_mm = {200, 100};
-    spec.viewed_from = ViewedFrom::kBehind;
-    return spec;
-  }
-  /// Light of `body`, drawn in the right half, in units of white area [mm^2], against a white square in the left half.
-  double light_of(const std::string& body) const {
-    const TargetLight target =
-        load_target(drawing("<rect x=\"13.3\" y=\"27.1\" width=\"40\" height=\"40\" fill=\"white\"/>" + body));
-    const Grid<double> halves = rasterise_area(target, 2, 1);
-    return halves.at(1, 0) / halves.at(0, 0) * 1600;
-  }
-
-  fs::path folder_;
-};
+class TargetTest : public DrawingFixture {};
 
 Vec2 centroid(const TargetLight& target) {
   return detail::spread_of(target, 0).mean;
@@ -120,7 +84,7 @@ TEST_F(TargetTest, FillsOfRandomPolygonsAreWhatSamplingFinds) {
     for (const auto rule : {detail::FillRule::kNonZero, detail::FillRule::kEvenOdd}) {
       TargetLight target;
       target.extent = extent;
-      target.area_borders = detail::borders_of({{outlines, rule, 0.5, 1}}, extent);
+      target.area_borders = detail::borders_of({{{{outlines, rule}, 0.5, 1, -1, {}}}, {}, {}}, extent);
       const Grid<double> grid = rasterise_area(target, 4, 5);  // pixels of 2 x 1
       constexpr int kSide = 60;
       for (int row = 0; row < 5; ++row) {
