@@ -454,10 +454,11 @@ TransportMap detail::solve_sampled(const std::vector<Sampling>& samplings, const
 
   const bool singular = !(target.curves.empty() && target.points.empty());
   const auto start_radius = [&](const Sampling& sampling) {
-    const double spacing =
-        std::sqrt(12 * sampling.spread.x() * sampling.spread.y() / static_cast<double>(sampling.sites.size()));
+    // Of the cells on the target; on a lens or a target that is all but a line the other says more.
+    const double area = 12 * std::max(sampling.spread.prod(), spread.deviation.prod());
+    const double spacing = std::sqrt(area / static_cast<double>(sampling.sites.size()));
     // Alone, but never so wide that they merge.
-    const double alone = std::min(kStartRadiusAlone * spacing, 0.1 * sampling.spread.minCoeff());
+    const double alone = std::min(kStartRadiusAlone * spacing, 0.1 * sampling.spread.maxCoeff());
     return std::max(options.point_radius_mm, target.area_total() > 0 ? kStartRadius * spacing : alone);
   };
 

@@ -198,14 +198,17 @@ std::vector<Sampling> sample_source(const SourceLight& source, int samples, std:
     }
     return levels;
   }
-  const double aspect = source.size_mm.x() / source.size_mm.y();
-  int columns = std::max(1, static_cast<int>(std::lround(std::sqrt(samples * aspect))));
-  int rows = std::max(1, static_cast<int>(std::lround(static_cast<double>(samples) / columns)));
+  // Cells as square as can be, a row at least.
+  const bool wide = source.size_mm.x() > source.size_mm.y();
+  const double aspect = source.size_mm.maxCoeff() / source.size_mm.minCoeff();
+  int across = std::max(1, static_cast<int>(std::lround(std::sqrt(samples / aspect))));
+  int along = std::max(1, static_cast<int>(std::lround(static_cast<double>(samples) / across)));
   for (;;) {
-    levels.push_back(sample_rectangle(source.size_mm, columns, rows));
-    if (columns * rows <= 2 * kCoarsest || std::min(columns, rows) < 4) break;
-    columns = (columns + 1) / 2;
-    rows = (rows + 1) / 2;
+    levels.push_back(sample_rectangle(source.size_mm, wide ? along : across, wide ? across : along));
+    if (along * across <= 2 * kCoarsest) break;
+    const int shrink = across < 4 ? 4 : 2;
+    if (shrink == 2) across = (across + 1) / 2;
+    along = (along + shrink - 1) / shrink;
   }
   return levels;
 }

@@ -34,7 +34,7 @@ SourceLight any_source() {
     return source;
   }
   Lens lens;
-  lens.size_mm.y() = 100 / one_of(std::array{1.0, 1.7, 10.0, 30.0});
+  lens.size_mm.y() = 100 / one_of(std::array{1.0, 1.7, 10.0, 100.0});
   source.size_mm = lens.size_mm;
   if (kind == 0) return source;
   Light light;
@@ -58,10 +58,10 @@ SourceLight any_source() {
 
 TargetLight any_target() {
   TargetLight target;
-  Vec2 size(100, 100 / one_of(std::array{1.0, 3.0, 100.0}));
+  Vec2 size(100, 100 / one_of(std::array{1.0, 3.0, 10.0}));
   if (*rc::gen::inRange(0, 2) == 1) std::swap(size.x(), size.y());
   target.extent = Box2::centred(size);
-  const int points = *rc::gen::inRange(0, 4);
+  const int points = *rc::gen::inRange(0, 6);
   for (int k = 0; k < points; ++k)
     target.points.push_back({any_place(target.extent), one_of(std::array{1.0, 1e-2, 1e-6, 1e3})});
   const int curves = *rc::gen::inRange(0, 4);
