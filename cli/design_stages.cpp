@@ -191,7 +191,6 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
   const TargetLight target = target_of(job);
   BeamOptions options = beam_options(job);
   options.pixels = kPicturePixels;
-  const Scene scene = scene_of(job);
   const CastLight cast =
       cast_light(surface.mesh, scene, job.receiver, target.extent, job.light.dispersion, options, monitor.part(0.9, 1));
   const Caustic& caustic = cast.caustic;
