@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <random>
 
 #include "design/core/errors.h"
@@ -18,6 +19,7 @@ constexpr double kRest = 0.008;          // mean way from site to centroid, in c
 constexpr int kMostCoarse = 60;          // iterations on the coarsest level, and
 constexpr int kMostFine = 16;            // on the others, which start near
 constexpr double kOverRelaxation = 1.5;  // of Lloyd's step; below 2 the energy still falls
+constexpr int kSharings = 3;             // turns of moving samples between parts of the source
 constexpr double kEqual = 0.005;         // spread of the samples' flux that is equal enough
 
 double cross(const Vec2& a, const Vec2& b) {
@@ -280,6 +282,53 @@ Relaxed relax(const SourceMesh& mesh, std::vector<Vec2> sites, double reach, int
   return r;
 }
 
+/// Lloyd's iteration keeps the samples of a part of the source that is far from the others; random starts give parts
+/// more or less than their share. Moves whole samples from part to part; false when the shares are right to one.
+bool share_out(Relaxed& relaxed) {
+  const std::size_t n = relaxed.sites.size();
+  std::vector<GraphEdge> lit;
+  for (const auto& edge : relaxed.edges()) {
+    if (edge.weight > 0) lit.push_back(edge);
+  }
+  const std::vector<int> part = connected_components(static_cast<int>(n), lit);
+  double total = 0;
+  std::vector<double> mass(n, 0.0);
+  std::vector<int> lack(n, 0);  // of samples
+  for (std::size_t i = 0; i < n; ++i) {
+    total += relaxed.cells.of_site[i].mass;
+    mass[part[i]] += relaxed.cells.of_site[i].mass;
+    --lack[part[i]];
+  }
+  std::vector<int> rich, poor;
+  for (std::size_t p = 0; p < n; ++p) {
+    if (mass[p] > 0) lack[p] += std::max(1, static_cast<int>(std::lround(mass[p] / total * static_cast<double>(n))));
+  }
+  std::vector<int> order(n);
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int a, int b) { return relaxed.cells.of_site[a].mass < relaxed.cells.of_site[b].mass; });
+  for (std::size_t k = 0; k < n; ++k) {
+    const int lightest = order[k];
+    if (lack[part[lightest]] < 0) {
+      rich.push_back(lightest);
+      ++lack[part[lightest]];
+    }
+    const int heaviest = order[n - 1 - k];
+    if (lack[part[heaviest]] > 0) {
+      poor.push_back(heaviest);
+      --lack[part[heaviest]];
+    }
+  }
+  const std::size_t moves = std::min(rich.size(), poor.size());
+  for (std::size_t k = 0; k < moves; ++k) {
+    const Integrals& giver = relaxed.cells.of_site[poor[k]];
+    relaxed.sites[rich[k]] = giver.squared_moment / giver.squared +
+                             0.2 * std::sqrt(giver.area) *
+                                 Vec2(std::cos(2.4 * static_cast<double>(k)), std::sin(2.4 * static_cast<double>(k)));
+  }
+  return moves > 0;
+}
+
 /// Moves the borders of the cells, not their sites, until each carries the same flux.
 void equalise(const SourceMesh& mesh, Relaxed& relaxed, double reach, std::vector<int>& at, const Monitor& monitor) {
   const int n = static_cast<int>(relaxed.sites.size());
@@ -350,7 +399,10 @@ std::vector<Sampling> sample_mesh(const SourceMesh& whole, int samples, std::uin
   std::vector<int> at(mesh.triangles.size(), 0);
   std::vector<Sampling> result;
   for (int level = levels - 1; level >= 0; --level) {
-    Relaxed relaxed = relax(mesh, std::move(sites), reach, level == levels - 1 ? kMostCoarse : kMostFine, at, monitor);
+    const bool coarsest = level == levels - 1;
+    Relaxed relaxed = relax(mesh, std::move(sites), reach, coarsest ? kMostCoarse : kMostFine, at, monitor);
+    for (int turn = 0; coarsest && turn < kSharings && share_out(relaxed); ++turn)
+      relaxed = relax(mesh, std::move(relaxed.sites), reach, kMostCoarse, at, monitor);
     equalise(mesh, relaxed, reach, at, monitor);
     const std::size_t n = relaxed.sites.size();
     Sampling sampling;
