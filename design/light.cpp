@@ -3,13 +3,18 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <map>
 #include <string>
+#include <utility>
 
 #include "design/core/errors.h"
 
 namespace lightmill {
 
 namespace {
+
+constexpr double kBeside = -1e-12;  // weight of a corner below which a place is beside its triangle
 
 double cross2(const Vec2& a, const Vec2& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -68,6 +73,18 @@ Illumination::Illumination(const Light& light, const Lens& lens)
   }
   for (std::size_t v = 0; v < count; ++v)
     densities_.push_back(arrived[v] > 0 ? mesh.intensities[v] * sent[v] / arrived[v] : 0);
+  // Where the light ends: edges of one triangle only.
+  std::map<std::pair<int, int>, int> single;
+  for (std::size_t k = 0; k < mesh.triangles.size(); ++k) {
+    const auto& t = mesh.triangles[k];
+    if (cross2(landed_[t[1]] - landed_[t[0]], landed_[t[2]] - landed_[t[0]]) == 0) continue;
+    for (int side = 0; side < 3; ++side) {
+      const std::pair<int, int> edge = std::minmax(t[side], t[(side + 1) % 3]);
+      if (const auto [known, fresh] = single.emplace(edge, static_cast<int>(k)); !fresh) single.erase(known);
+    }
+  }
+  for (const auto& [edge, triangle] : single) rim_.push_back({edge.first, edge.second, triangle});
+  if (rim_.empty()) throw InputError("light.mesh: all of its light lands on a line; spread its directions or its vertices");
   side_ = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(mesh.triangles.size()) / 2)));
   buckets_.resize(static_cast<std::size_t>(side_) * side_);
   const Vec2 pitch = landed_box_.size().cwiseMax(1e-9) / side_;
@@ -139,21 +156,38 @@ IncomingRay Illumination::from_point(const Vec3& point) const {
 }
 
 int Illumination::triangle_at(const Vec2& place, Vec3& weights) const {
-  if (!landed_box_.contains(place)) return -1;
-  const Vec2 pitch = landed_box_.size().cwiseMax(1e-9) / side_;
-  const int i = std::clamp(static_cast<int>((place.x() - landed_box_.min.x()) / pitch.x()), 0, side_ - 1);
-  const int j = std::clamp(static_cast<int>((place.y() - landed_box_.min.y()) / pitch.y()), 0, side_ - 1);
-  for (const int k : buckets_[static_cast<std::size_t>(j) * side_ + i]) {
+  const auto weigh = [&](int k) {
     const auto& t = light_.mesh.triangles[k];
     const Vec2& a = landed_[t[0]];
     const double area = cross2(landed_[t[1]] - a, landed_[t[2]] - a);
-    if (area == 0) continue;
+    if (area == 0) return false;
     weights[1] = cross2(place - a, landed_[t[2]] - a) / area;
     weights[2] = cross2(landed_[t[1]] - a, place - a) / area;
     weights[0] = 1 - weights[1] - weights[2];
-    if (weights.minCoeff() >= -1e-12) return k;
+    return true;
+  };
+  if (landed_box_.contains(place)) {
+    const Vec2 pitch = landed_box_.size().cwiseMax(1e-9) / side_;
+    const int i = std::clamp(static_cast<int>((place.x() - landed_box_.min.x()) / pitch.x()), 0, side_ - 1);
+    const int j = std::clamp(static_cast<int>((place.y() - landed_box_.min.y()) / pitch.y()), 0, side_ - 1);
+    for (const int k : buckets_[static_cast<std::size_t>(j) * side_ + i]) {
+      if (weigh(k) && weights.minCoeff() >= kBeside) return k;
+    }
   }
-  return -1;
+  int nearest = -1;
+  double least = std::numeric_limits<double>::infinity();
+  for (const auto& edge : rim_) {
+    const Vec2 along = landed_[edge.to] - landed_[edge.from];
+    const double length2 = along.squaredNorm();
+    const Vec2 off = place - landed_[edge.from];
+    const double t = length2 > 0 ? std::clamp(off.dot(along) / length2, 0.0, 1.0) : 0;
+    const double distance2 = (off - t * along).squaredNorm();
+    if (distance2 >= least) continue;
+    least = distance2;
+    nearest = edge.triangle;
+  }
+  weigh(nearest);
+  return nearest;
 }
 
 IncomingRay Illumination::from_mesh(const Vec3& point) const {
@@ -165,7 +199,7 @@ IncomingRay Illumination::from_mesh(const Vec3& point) const {
   const auto slope = [&](int v) { return Vec2(inside_[v].head<2>() / inside_[v].z()); };
   for (int turn = 0; turn < 20; ++turn) {
     k = triangle_at(place, weights);
-    if (k < 0 || rise == 0) break;
+    if (rise == 0) break;
     const auto& t = light_.mesh.triangles[k];
     const Vec2 tilt = weights[0] * slope(t[0]) + weights[1] * slope(t[1]) + weights[2] * slope(t[2]);
     const Vec2 next = point.head<2>() - rise * tilt;
@@ -173,7 +207,6 @@ IncomingRay Illumination::from_mesh(const Vec3& point) const {
     place = next;
   }
   IncomingRay ray;
-  if (k < 0) return ray;
   const auto& t = light_.mesh.triangles[k];
   const auto mixed = [&](const auto& of) {
     using Value = decltype(of(0));  // not Eigen's expression, whose parts are gone
@@ -182,6 +215,7 @@ IncomingRay Illumination::from_mesh(const Vec3& point) const {
   const Vec2 tilt = mixed(slope);
   ray.direction = Vec3(tilt.x(), tilt.y(), 1).normalized();
   ray.entry_mm = mixed([&](int v) -> Vec2 { return entries_[v]; });
+  if (weights.minCoeff() < kBeside) return ray;  // beside the light
   const Vec2 u0 = landed_[t[1]] - landed_[t[0]];
   const Vec2 v0 = landed_[t[2]] - landed_[t[0]];
   const Vec2 u1 = u0 + rise * (slope(t[1]) - slope(t[0]));

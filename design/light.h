@@ -37,7 +37,7 @@ struct Light {
 };
 
 struct IncomingRay {
-  Vec3 direction = Vec3::UnitZ();         ///< unit, inside the lens
+  Vec3 direction = Vec3::UnitZ();         ///< unit, inside the lens; beside a mesh light as its rim goes on
   double irradiance = 0;                  ///< flux per mm^2 of the plane z = const; 0 beside the light
   Vec2 entry_mm{0, 0};                    ///< where it came through the back
 };
@@ -53,6 +53,7 @@ class Illumination {
   [[nodiscard]] double profile(const Vec2& entry) const;
   [[nodiscard]] IncomingRay from_point(const Vec3& point) const;
   [[nodiscard]] IncomingRay from_mesh(const Vec3& point) const;
+  /// The triangle at a place, or the one that ends nearest to it, and the corners' weights there.
   [[nodiscard]] int triangle_at(const Vec2& place, Vec3& weights) const;
 
   Light light_;
@@ -64,6 +65,10 @@ class Illumination {
   std::vector<Vec2> entries_;
   std::vector<Vec2> landed_;
   std::vector<double> densities_;         // flux per mm^2 of the plane z = reference
+  struct RimEdge {
+    int from, to, triangle;
+  };
+  std::vector<RimEdge> rim_;
   Box2 landed_box_;
   int side_ = 0;
   std::vector<std::vector<int>> buckets_;
