@@ -248,6 +248,7 @@ Grid<float> rasterise_source(const SourceLight& source, const Box2& extent, int 
     }
     return picture;
   }
+  constexpr double kRounding = 1e-6;
   const SourceMesh& mesh = source.mesh;
   for (const auto& t : mesh.triangles) {
     const Vec2 &a = mesh.vertices_mm[t[0]], &b = mesh.vertices_mm[t[1]], &c = mesh.vertices_mm[t[2]];
@@ -255,14 +256,18 @@ Grid<float> rasterise_source(const SourceLight& source, const Box2& extent, int 
     if (!(area > 0)) continue;
     Box2 box;
     for (const Vec2& p : {a, b, c}) box.include((p - extent.min).cwiseQuotient(pitch) - Vec2(0.5, 0.5));
-    for (int j = std::max(0, static_cast<int>(std::ceil(box.min.y())));
-         j <= std::min(height - 1, static_cast<int>(std::floor(box.max.y()))); ++j) {
-      for (int i = std::max(0, static_cast<int>(std::ceil(box.min.x())));
-           i <= std::min(width - 1, static_cast<int>(std::floor(box.max.x()))); ++i) {
+    for (int j = std::max(0, static_cast<int>(std::ceil(box.min.y() - kRounding)));
+         j <= std::min(height - 1, static_cast<int>(std::floor(box.max.y() + kRounding))); ++j) {
+      for (int i = std::max(0, static_cast<int>(std::ceil(box.min.x() - kRounding)));
+           i <= std::min(width - 1, static_cast<int>(std::floor(box.max.x() + kRounding))); ++i) {
         const Vec2 p = centre(i, j);
-        const double u = doubled_area(p, b, c) / area, v = doubled_area(a, p, c) / area, w = 1 - u - v;
-        // Half open, so that a centre on an edge counts once or so.
-        if (u < 0 || v < 0 || w <= 0) continue;
+        // Twice the signed areas change sign exactly when an edge is seen from its other side: a centre on it counts once.
+        const double parts[3] = {doubled_area(p, b, c), doubled_area(p, c, a), doubled_area(p, a, b)};
+        const auto beside = [](double part, const Vec2& from, const Vec2& to) {
+          return part < 0 || (part == 0 && (to.y() > from.y() || (to.y() == from.y() && to.x() < from.x())));
+        };
+        if (beside(parts[0], b, c) || beside(parts[1], c, a) || beside(parts[2], a, b)) continue;
+        const double u = parts[0] / area, v = parts[1] / area, w = 1 - u - v;
         picture.at(i, j) += static_cast<float>(u * mesh.irradiance_per_mm2[t[0]] + v * mesh.irradiance_per_mm2[t[1]] +
                                                w * mesh.irradiance_per_mm2[t[2]]);
       }
