@@ -78,6 +78,11 @@ void print_summary(const RunFolder& folder, Progress& progress) {
     const json::json_pointer p(pointer);
     return report.contains(p) && report.at(p).is_number() ? fixed(report.at(p).get<double>(), decimals) : "-";
   };
+  for (const char* part : {"target", "source"}) {
+    const json::json_pointer warnings("/design/" + std::string(part) + "/warnings");
+    if (!report.contains(warnings)) continue;
+    for (const auto& warning : report.at(warnings)) progress.say("warning:  " + std::string(part) + ": " + warning.get<std::string>());
+  }
   if (report.contains("/design/caustic"_json_pointer)) {
     progress.say("design:   caustic error " + figure("/design/caustic/l1_error", 3) + " (l1), " + figure("/design/caustic/psnr_db", 1) +
                  " dB; relief " + figure("/design/surface/height_range_mm", 2) + " mm");

@@ -159,6 +159,9 @@ std::string warnings_box(const json& report) {
   if (report.contains("/design/target/warnings"_json_pointer)) {
     for (const auto& w : report.at("/design/target/warnings"_json_pointer)) item("Drawing: " + w.get<std::string>());
   }
+  if (report.contains("/design/source/warnings"_json_pointer)) {
+    for (const auto& w : report.at("/design/source/warnings"_json_pointer)) item("Source light: " + w.get<std::string>() + ".");
+  }
   if (report.contains("/design/caustic/warnings"_json_pointer)) {
     for (const auto& w : report.at("/design/caustic/warnings"_json_pointer)) item("Light: " + w.get<std::string>() + ".");
   }

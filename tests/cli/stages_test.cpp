@@ -9,8 +9,10 @@
 #include <random>
 #include <thread>
 
+#include "cli/npy.h"
 #include "command_rig.h"
 #include "design/core/image.h"
+#include "tests/design/transport_checks.h"
 
 namespace lightmill {
 namespace fs = std::filesystem;
@@ -302,6 +304,41 @@ TEST(Chain, AnyProgramCanBeDryRun) {
             2);
 }
 
+/// transport.npy alone, against tiny.png on 40 x 30 mm: its sites and weights cut the picture into its masses and centroids.
+void expect_map_of_picture(const fs::path& file) {
+  const NpyTable table = read_npy(file);
+  ASSERT_EQ(table.columns, 6);
+  ASSERT_EQ(table.rows(), 1024U);
+  std::vector<Vec2> sites;
+  std::vector<double> weights;
+  for (std::size_t i = 0; i < table.rows(); ++i) {
+    sites.emplace_back(table.values[6 * i], table.values[6 * i + 1]);
+    weights.push_back(table.values[6 * i + 3]);
+  }
+  TargetSpec spec;
+  spec.image = fixture("pictures/tiny.png");
+  spec.size_mm = {40, 30};
+  const std::vector<test::Portion> portions = test::portions_of(load_target(spec), 3, 0.01);
+  const auto sums = [&](const auto& factor) {
+    std::vector<test::Portion> scaled = portions;
+    for (auto& portion : scaled) portion.flux *= factor(portion.place);
+    return test::rastered_masses(sites, weights, scaled).at(0);
+  };
+  const auto masses = sums([](const Vec2&) { return 1.0; });
+  const auto x_moments = sums([](const Vec2& p) { return p.x(); });
+  const auto y_moments = sums([](const Vec2& p) { return p.y(); });
+  double squares = 0, total = 0, way = 0;
+  for (std::size_t i = 0; i < table.rows(); ++i) {
+    const double* row = &table.values[6 * i];
+    total += row[2];
+    squares += std::pow(masses[i] / row[2] - 1, 2) / 1024;
+    way += (Vec2(x_moments[i], y_moments[i]) / masses[i] - Vec2(row[4], row[5])).squaredNorm() / 1024;
+  }
+  EXPECT_NEAR(total, 1, 1e-12);
+  EXPECT_LT(std::sqrt(squares), 0.04) << "the raster's own noise";
+  EXPECT_LT(std::sqrt(way), 0.04) << "mm";
+}
+
 TEST(Stages, AnySourceLightIsTransportedAndBentByASurface) {
   const ScratchFolder folder;
   spill(folder / "ring.svg",
@@ -323,6 +360,7 @@ TEST(Stages, AnySourceLightIsTransportedAndBentByASurface) {
   EXPECT_TRUE(fs::exists(run / "design/source.png"));
   EXPECT_TRUE(fs::exists(run / "design/transport.npy"));
   EXPECT_FALSE(fs::exists(run / "design/surface.ply"));
+  expect_map_of_picture(run / "design/transport.npy");
   const CommandResult bent = lightmill_command({"make", job.string(), "-o", run.string(), "--until", "design"});
   ASSERT_EQ(bent.code, 0) << bent.err;
   const json surface = report_of(run)["design"];
