@@ -36,7 +36,7 @@ std::string plain(const std::string& text) {
     if (c >= 0x80 && c < 0xC0) continue;  // the rest of a UTF-8 character
     const bool good =
         c >= ' ' && c < 0x7F && std::string_view("()!?~%$;").find(static_cast<char>(c)) == std::string_view::npos;
-    result += good ? static_cast<char>(c) : '_';
+    result += good ? static_cast<char>(c) : c == ';' ? ',' : '_';
   }
   return result;
 }
