@@ -14,6 +14,7 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
   const WorkSetup setup = work_on_table(machine, job.machine.workpiece_origin_mm, job.machine.work_offset);
   MotionOptions motion_options;
   motion_options.tip_tolerance_mm = job.controller.tip_tolerance_um / 1000;
+  motion_options.tcp = job.controller.tcp && machine.has_rotary();
   ProgramOptions options;
   options.decimals = job.controller.decimals;
   options.tcp = job.controller.tcp;

@@ -8,6 +8,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
+#include "postproc/detail/dialect.h"
 #include "postproc/detail/trunnion.h"
 
 namespace lightmill {
@@ -97,6 +98,14 @@ struct Job {
                     std::abs(inner_rad) / machine.inner.max_speed_rad_per_s);
   }
 
+  /// The least time for an even motion of all axes.
+  [[nodiscard]] double axes_seconds(const JointPosition& a, const JointPosition& b) const {
+    return std::max({std::abs(b.x_mm - a.x_mm) / machine.x.max_speed_mm_per_s,
+                     std::abs(b.y_mm - a.y_mm) / machine.y.max_speed_mm_per_s,
+                     std::abs(b.z_mm - a.z_mm) / machine.z.max_speed_mm_per_s,
+                     rotary_seconds(b.outer_rad - a.outer_rad, b.inner_rad - a.inner_rad)});
+  }
+
   [[noreturn]] void refuse(std::size_t move, const ToolPose& pose, const Tilt& tilt, const Overtravel& over) const {
     std::string text = place_text(path, move, pose) + ": " + over.letter + " would stand at ";
     if (over.rotary) {
@@ -183,14 +192,12 @@ class Writer {
     rapid(joints);
   }
 
-  void feed(const JointPosition& joints, MoveKind kind, double tip_length_mm, double feed_mm_per_s) {
+  /// `axes_s`: the least time the axes need, if more than for an even motion to `joints`.
+  void feed(const JointPosition& joints, MoveKind kind, double tip_length_mm, double feed_mm_per_s, double axes_s = 0) {
     const MachineModel& m = job_.machine;
     const double turn_outer = std::abs(joints.outer_rad - at_.outer_rad);
     const double turn_inner = std::abs(joints.inner_rad - at_.inner_rad);
-    const double axes_s =
-        std::max({std::abs(joints.x_mm - at_.x_mm) / m.x.max_speed_mm_per_s,
-                  std::abs(joints.y_mm - at_.y_mm) / m.y.max_speed_mm_per_s,
-                  std::abs(joints.z_mm - at_.z_mm) / m.z.max_speed_mm_per_s, job_.rotary_seconds(turn_outer, turn_inner)});
+    axes_s = std::max(axes_s, job_.axes_seconds(at_, joints));
     const double wanted_s = tip_length_mm / feed_mm_per_s;
     const double seconds = std::max({wanted_s, axes_s, m.min_block_s});
     if (wanted_s > 0 && seconds > wanted_s * (1 + 1e-9)) {
@@ -584,25 +591,14 @@ class Subdivision {
         course_(course),
         layer_(layer),
         tilt_at_(std::move(tilt_at)),
-        length_mm_(course.length_mm()) {}
+        length_mm_(course.length_mm()),
+        guides_centre_(detail::dialect_of(job.machine.controller).tcp_ball_centre) {}
 
   void run(double s0, const JointPosition& j0, double s1, const JointPosition& j1, int depth = 0) {
-    // The error is a parabola in s for short moves, with its top at mid-chord; the quarters see
-    // moves that turn so far that it is not.
-    double tip_error = 0;
-    double error = 0;
-    const double reach = job_.path.cutter.radius_mm();
-    for (const double f : {0.25, 0.5, 0.75}) {
-      const ToolPose actual = forward(job_.machine, job_.setup, job_.length(), between(j0, j1, f));
-      const double s = s0 + f * (s1 - s0);
-      const Vec3 off = actual.tip_mm - course_.tip(s);
-      tip_error = std::max(tip_error, off.norm());
-      // One radius up the tool (a ball's centre), so that the axis keeps its course too.
-      error = std::max({error, off.norm(), (off + reach * (actual.axis - course_.axis(s))).norm()});
-    }
+    const auto [tip_error, error, axes_s] = job_.options.tcp ? guided_error(s0, j0, s1, j1) : free_error(s0, j0, s1, j1);
     if (error <= job_.options.tip_tolerance_mm) {
       writer_.tip_error(tip_error);
-      writer_.feed(j1, layer_.kind, (s1 - s0) * length_mm_, layer_.feed_mm_per_s);
+      writer_.feed(j1, layer_.kind, (s1 - s0) * length_mm_, layer_.feed_mm_per_s, axes_s);
       return;
     }
     if (depth == kDeepestSplit) {
@@ -623,6 +619,53 @@ class Subdivision {
   }
 
  private:
+  struct PieceError {
+    double tip_mm = 0;
+    double worst_mm = 0;  // of the tip and of the point one radius up the tool
+    double axes_s = 0;    // least time that the piece needs, where its axes do not move evenly
+  };
+
+  // All joints move evenly. The error is a parabola in s for short moves, with its top at mid-chord; the quarters see moves
+  // that turn so far that it is not.
+  [[nodiscard]] PieceError free_error(double s0, const JointPosition& j0, double s1, const JointPosition& j1) const {
+    PieceError error;
+    const double reach = job_.path.cutter.radius_mm();
+    for (const double f : {0.25, 0.5, 0.75}) {
+      const ToolPose actual = forward(job_.machine, job_.setup, job_.length(), between(j0, j1, f));
+      const double s = s0 + f * (s1 - s0);
+      const Vec3 off = actual.tip_mm - course_.tip(s);
+      error.tip_mm = std::max(error.tip_mm, off.norm());
+      // One radius up the tool (a ball's centre), so that the axis keeps its course too.
+      error.worst_mm = std::max({error.worst_mm, off.norm(), (off + reach * (actual.axis - course_.axis(s))).norm()});
+    }
+    return error;
+  }
+
+  // The control moves the guided point straight and the rotary axes evenly; X, Y, Z follow as they must.
+  [[nodiscard]] PieceError guided_error(double s0, const JointPosition& j0, double s1, const JointPosition& j1) const {
+    PieceError error;
+    const double reach = job_.path.cutter.radius_mm();
+    const double guided = guides_centre_ ? reach : 0;  // up the tool from the tip
+    const Vec3 from = course_.tip(s0) + guided * course_.axis(s0), to = course_.tip(s1) + guided * course_.axis(s1);
+    JointPosition before = j0;
+    for (const double f : {0.25, 0.5, 0.75, 1.0}) {
+      const double s = s0 + f * (s1 - s0);
+      const JointPosition even = between(j0, j1, f);
+      const Tilt tilt{even.outer_rad, even.inner_rad};
+      const Vec3 axis = detail::axis_at(job_.machine, tilt);
+      const Vec3 tip = from + f * (to - from) - guided * axis;
+      const Vec3 off = tip - course_.tip(s);
+      error.tip_mm = std::max(error.tip_mm, off.norm());
+      error.worst_mm = std::max({error.worst_mm, off.norm(), (off + reach * (axis - course_.axis(s))).norm()});
+      const JointPosition joints = job_.joints(tip, tilt);
+      const Overtravel linear = worst_linear(job_.machine, joints);
+      if (linear.amount > 0) job_.refuse(layer_.move, {tip, axis}, tilt, linear);
+      error.axes_s = std::max(error.axes_s, 4 * job_.axes_seconds(before, joints));
+      before = joints;
+    }
+    return error;
+  }
+
   [[nodiscard]] JointPosition checked(double s) const {
     const Tilt tilt = tilt_at_(s);
     const JointPosition joints = job_.joints(course_.tip(s), tilt);
@@ -640,6 +683,7 @@ class Subdivision {
   const Layer& layer_;
   TiltAt tilt_at_;
   double length_mm_;
+  bool guides_centre_;
 };
 
 // C turns about a tip that stands still.
@@ -718,6 +762,7 @@ AxisMotion plan_motion(const MachineModel& machine, const WorkSetup& setup, cons
   motion.cutter = path.cutter;
   motion.spindle_rpm = path.spindle_rpm;
   motion.clearance_z_mm = path.clearance_z_mm;
+  motion.tcp = options.tcp;
   motion.moves.reserve(path.moves.size() + 1);
   Writer writer(job, motion);
   const Vec3& axis = path.moves.front().pose.axis;

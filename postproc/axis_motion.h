@@ -21,6 +21,7 @@ struct AxisMotion {
   std::string pass;
   Cutter cutter;
   double spindle_rpm = 0;
+  bool tcp = false;                  ///< cut for tool-centre-point control: turning moves rely on it between their ends
   double clearance_z_mm = 0;         ///< rapids keep the tip at or above this height of the workpiece frame
   std::vector<AxisMove> moves;       ///< the first is at the machine's top with the rotary joints in place
   double max_tip_error_um = 0;       ///< of the tip between blocks against the tool path's straight line
@@ -32,6 +33,7 @@ struct AxisMotion {
 
 struct MotionOptions {
   double tip_tolerance_mm = 2e-4;    ///< of the tip, and of a point one cutter radius up the tool, from their even motion
+  bool tcp = false;                  ///< the control keeps the point it guides on its line: moves are cut for the axis alone
 };
 
 /// A path with one tool axis keeps its rotary joints exactly constant and its moves one to one, after an approach over the

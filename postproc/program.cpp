@@ -593,6 +593,9 @@ bool uses_tcp(const MachineModel& machine, const AxisMotion& motion, const Progr
   const Dialect& dialect = detail::dialect_of(machine.controller);
   const bool turning = turns_in_cut(motion);
   if (!options.tcp || !machine.has_rotary()) {
+    if (turning && motion.tcp) {
+      throw InputError(motion.pass + ": the motion was cut for tool-centre-point control and can only be written with it");
+    }
     if (turning && !dialect.inverse_time) {
       throw InputError(motion.pass + ": rotary axes move in the cut, and " + machine.controller +
                        " has no word for a block's time; use tool-centre-point control ([controller] tcp = \"on\") or "

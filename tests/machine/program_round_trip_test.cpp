@@ -2,10 +2,12 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
 
+#include "design/core/errors.h"
 #include "machine/kinematics.h"
 #include "machine/program_reader.h"
 #include "postproc/program.h"
@@ -47,11 +49,15 @@ struct Heard {
   ToolPose pose;
 };
 
-std::vector<Heard> hear(const Planned& p, bool tcp) {
+std::string write_text(const Planned& p, bool tcp) {
   ProgramOptions options;
   options.decimals = 4;
   options.tcp = tcp;
-  const Program program = write_program(p.machine, p.work, p.motion, options);
+  return write_program(p.machine, p.work, p.motion, options).text;
+}
+
+std::vector<Heard> hear(const Planned& p, bool tcp) {
+  const std::string text = write_text(p, tcp);
   ReaderSetup setup;
   setup.offsets[1] = {p.work.origin_mm.x(), p.work.origin_mm.y(), p.work.origin_mm.z(), 0, 0};
   setup.tool_length_mm = {{p.motion.cutter.number, p.motion.cutter.length_mm}};
@@ -60,9 +66,9 @@ std::vector<Heard> hear(const Planned& p, bool tcp) {
   bool spindle = false, dwelled = false, guided = false;
   double seconds = 0;  // of the chords before
   const ReadResult result =
-      read_program(program.text, reader_dialect(p.machine.controller), p.machine, setup, [&](const ProgramStep& step) {
+      read_program(text, reader_dialect(p.machine.controller), p.machine, setup, [&](const ProgramStep& step) {
         if (step.kind == ProgramStep::kSpindle) spindle = step.number == 3 && step.rpm == p.motion.spindle_rpm;
-        if (step.kind == ProgramStep::kDwell) dwelled = spindle && step.seconds >= options.warm_up_s;
+        if (step.kind == ProgramStep::kDwell) dwelled = spindle && step.seconds >= 8;
         if (step.kind != ProgramStep::kMove) return;
         if (!step.rapid) {
           EXPECT_TRUE(spindle && dwelled) << "line " << step.line;
@@ -75,7 +81,7 @@ std::vector<Heard> hear(const Planned& p, bool tcp) {
         heard.back().step.seconds = seconds;
         seconds = 0;
       });
-  EXPECT_FALSE(result.error) << "line " << result.error->line << ": " << result.error->rule << "\n" << program.text;
+  EXPECT_FALSE(result.error) << "line " << result.error->line << ": " << result.error->rule << "\n" << text;
   EXPECT_TRUE(result.ended);
   EXPECT_EQ(guided, tcp);
   return heard;
@@ -150,6 +156,74 @@ TEST(ProgramRoundTripBothWays, TheTipPathIsTheSame) {
   }
 }
 
+// Cut for the control's tool-centre-point control, moves are longer; between their ends, where the control is on its
+// own, tip and ball's centre keep their lines and no axis is too fast.
+TEST(ProgramRoundTripGuided, TheControlKeepsTipAndCentreOnTheirLines) {
+  for (const char* controller : {"linuxcnc", "fanuc", "siemens", "heidenhain", "heidenhain_iso"}) {
+    Planned p = plan(controller, true);
+    p.machine.inner.max_speed_rad_per_s = 0.5;  // so that it matters
+    const ToolPath path = test::lead_rows(20 * test::kDeg, 2, 12);
+    MotionOptions options;
+    options.tcp = true;
+    const std::size_t free = p.motion.moves.size();
+    p.motion = plan_motion(p.machine, p.work, path, options);
+    EXPECT_LT(p.motion.moves.size(), free * 2 / 3) << controller;
+    EXPECT_GT(p.motion.slowed_moves, 0U);
+    const std::string text = write_text(p, true);
+    WorkpieceView view(p.machine, p.work.origin_mm);
+    AxisValues before{};
+    bool known = false;
+    std::size_t cut = 0;
+    double tip = 0, centre = 0, ratio = 0;
+    ReaderSetup setup;
+    setup.offsets[1] = {p.work.origin_mm.x(), p.work.origin_mm.y(), p.work.origin_mm.z(), 0, 0};
+    setup.tool_length_mm = {{path.cutter.number, path.cutter.length_mm}};
+    const ReadResult result =
+        read_program(text, reader_dialect(controller), p.machine, setup, [&](const ProgramStep& step) {
+          if (step.kind != ProgramStep::kMove) return;
+          const AxisValues& q = step.target;
+          if (step.tcp && !step.rapid) {
+            ++cut;
+            const ToolPose at = view.cutter({q[0], q[1], q[2], q[3], q[4]}, path.cutter.length_mm);
+            const Vec3 ball = at.tip_mm + 2 * at.axis;
+            double tip_off = 1e9, centre_off = 1e9;
+            for (std::size_t i = 1; i < path.moves.size(); ++i) {
+              const auto off = [](const Vec3& x, const Vec3& a, const Vec3& b) {
+                const double t = std::clamp((x - a).dot(b - a) / std::max((b - a).squaredNorm(), 1e-12), 0.0, 1.0);
+                return (x - a - t * (b - a)).norm();
+              };
+              const ToolPose &a = path.moves[i - 1].pose, &b = path.moves[i].pose;
+              tip_off = std::min(tip_off, off(at.tip_mm, a.tip_mm, b.tip_mm));
+              // The centre's course is an arc of the great circle over the tip's line: sampled.
+              for (int k = 0; k < 64; ++k) {
+                const double turn = std::acos(std::min(1.0, a.axis.dot(b.axis)));
+                const auto over = [&](double s) {
+                  const Vec3 axis =
+                      turn < 1e-6
+                          ? b.axis
+                          : Vec3((std::sin((1 - s) * turn) * a.axis + std::sin(s * turn) * b.axis) / std::sin(turn));
+                  return Vec3(a.tip_mm + s * (b.tip_mm - a.tip_mm) + 2 * axis);
+                };
+                centre_off = std::min(centre_off, off(ball, over(k / 64.0), over((k + 1) / 64.0)));
+              }
+            }
+            tip = std::max(tip, tip_off);
+            centre = std::max(centre, centre_off);
+            if (known && step.seconds > 2e-3) ratio = std::max(ratio, std::abs(q[4] - before[4]) / step.seconds / 0.5);
+          }
+          before = q;
+          known = step.tcp;
+        });
+    EXPECT_FALSE(result.error) << result.error->rule;
+    EXPECT_GT(cut, 500U);
+    EXPECT_LT(tip, 2e-4 + 1e-4) << controller << ": tolerance and last decimal";
+    EXPECT_LT(centre, 2e-4 + 1e-4) << controller;
+    EXPECT_LT(ratio, 1.02) << controller;
+    EXPECT_GT(ratio, 0.9) << controller;
+    EXPECT_THROW(write_text(p, false), InputError) << "such a motion needs the control";
+  }
+}
+
 // Any chain, rotary axes as measured (not square), pivots that meet nowhere, either sign: what is written is read back.
 RC_GTEST_PROP(ProgramRoundTripAnyMachine, EveryPlannedPoseArrives, ()) {
   static const std::vector<Case> cases = all_cases();
@@ -174,7 +248,8 @@ RC_GTEST_PROP(ProgramRoundTripAnyMachine, EveryPlannedPoseArrives, ()) {
     axis->point_mm = axis->on_head ? Vec3(off(20), off(20), off(60)) : Vec3(off(20), off(20), -380 + off(30));
   }
   p.work = work_on_table(m, {off(40), off(40), 30}, 55);
-  ToolPath path = c.turning ? test::lead_rows(test::real(0.1, 0.4), 1, 3) : test::fixed_rows(test::real(0.1, 0.6), off(3), 1, 4);
+  ToolPath path =
+      c.turning ? test::lead_rows(test::real(0.1, 0.4), 1, 3) : test::fixed_rows(test::real(0.1, 0.6), off(3), 1, 4);
   path.cutter.length_mm = test::real(60, 110);
   p.motion = plan_motion(m, p.work, path);
 
