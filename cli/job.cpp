@@ -252,6 +252,7 @@ void read_controller(TomlTable table, Job& job) {
   job.controller.decimals = std::min(job.controller.decimals, most_decimals);
   job.controller.tcp = table.choice("tcp", "off", {"off", "on"}) == "on";
   job.controller.decimals = table.integer_in("decimals", job.controller.decimals, 4, most_decimals);
+  job.controller.one_program = table.boolean("one_program", job.controller.one_program);
   job.controller.block_numbers = table.boolean("block_numbers", job.controller.block_numbers);
   job.controller.tip_tolerance_um = table.number_in("tip_tolerance_um", job.controller.tip_tolerance_um, 0.001, 1000);
 }
@@ -496,6 +497,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                                .put("dialect", job.controller.dialect)
                                .put("tcp", job.controller.tcp ? "on" : "off")
                                .put("decimals", job.controller.decimals)
+                               .put("one_program", job.controller.one_program)
                                .put("block_numbers", job.controller.block_numbers)
                                .put("tip_tolerance_um", job.controller.tip_tolerance_um);
   sections["dry_run"] = Section()

@@ -63,6 +63,7 @@ struct MachineSpec {
 struct ControllerSpec {
   std::string dialect = "grblhal";
   bool tcp = false;                     ///< by the control's tool-centre-point control
+  bool one_program = false;             ///< for all passes, with tool changes
   int decimals = 5;
   bool block_numbers = false;
   double tip_tolerance_um = 0.2;

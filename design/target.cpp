@@ -82,18 +82,23 @@ TargetLight load_target(const TargetSpec& spec) {
   const double size = spec.size_mm.prod();
   if (!spec.image.empty()) {
     const Picture picture = read_picture(spec.image, spec.transfer);
-    const Grid<float> placed =
-        as_seen(picture.gray, spec.viewed_from);  // its own inverse: from the picture to the receiver
-    const double stretch = spec.size_mm.x() * placed.height / (spec.size_mm.y() * placed.width);
+    const Grid<float>& gray = picture.gray;
+    target.warnings.insert(target.warnings.end(), picture.warnings.begin(), picture.warnings.end());
+    const double stretch = spec.size_mm.x() * gray.height / (spec.size_mm.y() * gray.width);
     if (std::abs(std::log(stretch)) > kStretch) {
-      target.warnings.push_back("picture " + spec.image.string() + " of " + std::to_string(placed.width) + " x " +
-                                std::to_string(placed.height) + " pixels is stretched onto " + compact(spec.size_mm.x(), 3) +
+      target.warnings.push_back("picture " + spec.image.string() + " of " + std::to_string(gray.width) + " x " +
+                                std::to_string(gray.height) + " pixels is stretched onto " + compact(spec.size_mm.x(), 3) +
                                 " x " + compact(spec.size_mm.y(), 3) + " mm; give target.size_mm its proportions");
     }
-    target.area_flux = Grid<double>(placed.width, placed.height);
-    const double pixel = size / static_cast<double>(placed.values.size());
-    std::transform(placed.values.begin(), placed.values.end(), target.area_flux.values.begin(),
-                   [pixel](float gray) { return gray * pixel; });
+    target.area_flux = Grid<double>(gray.width, gray.height);
+    const double pixel = size / static_cast<double>(gray.values.size());
+    for (int row = 0; row < gray.height; ++row) {
+      for (int column = 0; column < gray.width; ++column) {
+        // As as_seen() does, the other way and without a copy.
+        const int x = spec.viewed_from == ViewedFrom::kLens ? gray.width - 1 - column : column;
+        target.area_flux.at(x, gray.height - 1 - row) = gray.at(column, row) * pixel;
+      }
+    }
     if (!(target.area_total() > 0)) {
       throw InputError("picture " + spec.image.string() + " is all black; give one that has light");
     }

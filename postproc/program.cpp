@@ -105,6 +105,12 @@ class ProgramWriter {
     for (const AxisMotion& pass : passes) moves += pass.moves.size();
     text_.reserve(4096 + moves * 40);
     stem_ = passes.size() == 1 ? program_stem(passes.front().pass) : "00_whole";
+    if (options.parts > 0) {
+      const std::string of = std::to_string(options.parts);
+      std::string part = std::to_string(options.part);
+      part.insert(0, of.size() - std::min(of.size(), part.size()), '0');  // so that names sort as parts run
+      stem_ += "_" + part + "of" + of;
+    }
     sheet_.name = control_name(dialect_, stem_);
     sheet_.number = {options.decimals, dialect_.decimal_point, dialect_.plus_sign};
     sheet_.work_offset = setup.work_offset;
@@ -140,7 +146,9 @@ class ProgramWriter {
     all(dialect_.closing(sheet_));
     text_ += dialect_.last_lines(sheet_);
     if (dialect_.percent) text_ += "%\n";
-    return {control_name(dialect_, stem_) + std::string(dialect_.extension), std::move(text_), blocks_};
+    Program program{control_name(dialect_, stem_) + std::string(dialect_.extension), std::move(text_), blocks_, {}};
+    for (const AxisMotion& pass : passes_) program.passes.push_back(pass.pass);
+    return program;
   }
 
  private:
@@ -314,7 +322,12 @@ class ProgramWriter {
 
   void header() {
     if (dialect_.percent) text_ += "%\n";
-    if (dialect_.program_number) text_ += "O00" + stem_.substr(0, 2) + "\n";
+    if (dialect_.program_number) {
+      // O0030; its parts O3001, O3002...
+      const std::string part = std::to_string(options_.part);
+      text_ += options_.parts == 0 ? "O00" + stem_.substr(0, 2) : "O" + stem_.substr(0, 2) + (part.size() < 2 ? "0" : "") + part;
+      text_ += '\n';
+    }
     measure_blank();
     text_ += dialect_.first_lines(sheet_);
     const Blocks opening = dialect_.opening(sheet_);
@@ -330,6 +343,9 @@ class ProgramWriter {
     comment("LIGHTMILL " LIGHTMILL_VERSION " " + control_name(dialect_, stem_) + std::string(dialect_.extension));
     if (!options_.job_name.empty()) comment("JOB " + options_.job_name);
     if (!options_.job_hash.empty()) comment("HASH OF THE JOB " + options_.job_hash);
+    if (options_.parts > 0) {
+      comment("PART " + std::to_string(options_.part) + " OF " + std::to_string(options_.parts) + ", starts by itself");
+    }
     for (const AxisMotion& pass : passes_) {
       comment("MAKES the " + pass.pass + " pass of a lens, " + std::to_string(pass.moves.size()) + " moves, " +
               (turns_in_cut(pass) ? "5 axes at once" : "rotary axes fixed"));

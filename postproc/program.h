@@ -18,12 +18,14 @@ struct ProgramOptions {
   double warm_up_s = 8;         ///< spindle dwell before the first cut; the machine's own start time if that is longer
   double smoothing_mm = 0.002;  ///< what the control may leave its path by: G64 P, cycle 32, CYCLE832
   double smoothing_deg = 0.02;  ///< the same for rotary axes
+  int part = 0, parts = 0;      ///< of a pass in several programs, from 1; 0: whole
 };
 
 struct Program {
-  std::string file_name;   ///< "30_finish.nc", "30_FINISH.H", "LM_30_FINISH.MPF"
-  std::string text;        ///< ASCII
-  std::size_t blocks = 0;  ///< blocks for the control, without comments
+  std::string file_name;            ///< "30_finish.nc", "30_FINISH.H", "LM_30_FINISH.MPF"
+  std::string text;                 ///< ASCII
+  std::size_t blocks = 0;           ///< blocks for the control, without comments
+  std::vector<std::string> passes;  ///< that it makes, or a part of
 };
 
 /// The name of a pass' program: "10_rough", "20_semi_finish", "30_finish", "40_<pass>", as the dialect wants it.

@@ -30,19 +30,25 @@ float linear_to_srgb(float light) {
   return light <= 0.0031308F ? light * 12.92F : 1.055F * std::pow(light, 1.0F / 2.4F) - 0.055F;
 }
 
-struct RawImage {
-  OIIO::ImageSpec spec;
-  std::vector<float> pixels;
-};
+/// Whether a JPEG ends before its end-of-image marker: libjpeg fills what is missing with gray and is content.
+/// [ITU T.81, annex B]
+bool is_cut_jpeg(std::string_view bytes) {
+  if (!bytes.starts_with("\xff\xd8")) return false;
+  const auto byte = [&](std::size_t at) { return static_cast<unsigned char>(bytes[at]); };
+  for (std::size_t at = 2; at + 4 <= bytes.size() && byte(at) == 0xff; at += 2 + (byte(at + 2) << 8 | byte(at + 3))) {
+    if (byte(at + 1) == 0xda) return bytes.find("\xff\xd9", at) == std::string_view::npos;  // the picture itself begins
+  }
+  return true;
+}
 
-/// What is wrong with a PNG as a file, "" if nothing: it is cut short or a chunk's checksum is off. libpng would say so
-/// on stderr by itself, beside the one line that we owe the user. Other formats pass. [PNG specification, sec. 5.3,
-/// annex D]
-std::string png_damage(const fs::path& path) {
+/// What is wrong with a PNG or JPEG as a file, "" if nothing: it is cut short or a chunk's checksum is off. The libraries
+/// would pass over it, or say so on stderr beside the one line that we owe the user. Other formats pass. [PNG
+/// specification, sec. 5.3, annex D]
+std::string damage_of(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);
   const std::string bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
   constexpr std::string_view kSignature("\x89PNG\r\n\x1a\n", 8);
-  if (!bytes.starts_with(kSignature)) return "";
+  if (!bytes.starts_with(kSignature)) return is_cut_jpeg(bytes) ? "it is cut short" : "";
   static const auto table = [] {
     std::array<std::uint32_t, 256> entries{};
     for (std::uint32_t n = 0; n < 256; ++n) {
@@ -68,33 +74,103 @@ std::string png_damage(const fs::path& path) {
   return "it is cut short";
 }
 
-RawImage read_raw(const fs::path& path) {
+InputError unreadable(const fs::path& path, const std::string& why) {
+  return InputError("cannot read picture " + path.string() + ": " + why.substr(0, why.find('\n')) +
+                    "; give a PNG, TIFF or EXR that opens in a viewer");
+}
+
+std::unique_ptr<OIIO::ImageInput> open(const fs::path& path) {
   std::error_code error;
   if (!fs::exists(path, error)) throw InputError("picture " + path.string() + " does not exist; check the path");
   if (fs::is_directory(path, error)) throw InputError("picture " + path.string() + " is a folder; name a file");
-  const auto fail = [&](const std::string& why) {
-    std::string line = why.substr(0, why.find('\n'));
-    return InputError("cannot read picture " + path.string() + ": " + line + "; give a PNG, TIFF or EXR that opens in a viewer");
-  };
-  if (const std::string damage = png_damage(path); !damage.empty()) throw fail(damage);
+  if (const std::string damage = damage_of(path); !damage.empty()) throw unreadable(path, damage);
+  OIIO::ImageSpec config;
+  config.attribute("oiio:UnassociatedAlpha", 1);  // colours as the file has them
   std::unique_ptr<OIIO::ImageInput> input;
   try {
-    input = OIIO::ImageInput::open(path.string());
+    input = OIIO::ImageInput::open(path.string(), &config);
   } catch (const std::exception& e) {
-    throw fail(e.what());
+    throw unreadable(path, e.what());
   }
-  if (!input) throw fail(OIIO::geterror());
-  RawImage image;
-  image.spec = input->spec();
+  if (!input) throw unreadable(path, OIIO::geterror());
   constexpr long long kMostPixels = 1LL << 28;
-  const long long pixels = static_cast<long long>(image.spec.width) * image.spec.height;
-  if (pixels <= 0) throw fail("it has no pixels");
-  if (pixels > kMostPixels) throw fail("it has over 268 million pixels");
-  image.pixels.resize(static_cast<std::size_t>(pixels) * image.spec.nchannels);
-  if (!input->read_image(0, 0, 0, image.spec.nchannels, OIIO::TypeDesc::FLOAT, image.pixels.data())) {
-    throw fail(input->geterror());
+  const OIIO::ImageSpec& spec = input->spec();
+  if (spec.depth > 1) throw unreadable(path, "it is a volume, not a picture");
+  for (const auto& [width, height] : {std::pair(spec.width, spec.height), std::pair(spec.full_width, spec.full_height)}) {
+    const long long pixels = static_cast<long long>(width) * height;
+    if (width <= 0 || height <= 0) throw unreadable(path, "it has no pixels");
+    if (pixels > kMostPixels) throw unreadable(path, "it has over 268 million pixels");
   }
-  return image;
+  return input;
+}
+
+/// Calls action(row, pixels of the row) from the top, a band at a time: a large picture need not be there twice.
+template <typename Action>
+void for_each_row(OIIO::ImageInput& input, const fs::path& path, const Action& action) {
+  const OIIO::ImageSpec& spec = input.spec();
+  constexpr std::size_t kBand = 1 << 22;  // values at once
+  const std::size_t in_row = static_cast<std::size_t>(spec.width) * spec.nchannels;
+  int rows = static_cast<int>(std::clamp<std::size_t>(kBand / in_row, 1, spec.height));
+  const int tile = spec.tile_height;
+  if (tile > 0) rows = (rows + tile - 1) / tile * tile;
+  std::vector<float> band(in_row * std::min(rows, spec.height));
+  for (int row = 0; row < spec.height; row += rows) {
+    const int end = std::min(row + rows, spec.height);
+    const int y = spec.y + row;
+    const bool read = tile > 0 ? input.read_tiles(0, 0, spec.x, spec.x + spec.width, y, spec.y + end, 0, 1, 0, spec.nchannels,
+                                                  OIIO::TypeDesc::FLOAT, band.data())
+                               : input.read_scanlines(0, 0, y, spec.y + end, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, band.data());
+    if (!read) throw unreadable(path, input.geterror());
+    for (int k = row; k < end; ++k) action(k, &band[(k - row) * in_row]);
+  }
+}
+
+/// Which channels are light and alpha; -1: none.
+struct Channels {
+  std::array<int, 3> light{0, 0, 0};
+  int alpha = -1;
+};
+
+Channels channels_of(const OIIO::ImageSpec& spec, const fs::path& path, std::vector<std::string>& warnings) {
+  Channels channels;
+  channels.alpha = spec.alpha_channel;
+  const auto named = [&](const char* name) { return spec.channelindex(name); };
+  const int count = spec.nchannels;
+  if (named("R") >= 0 && named("G") >= 0 && named("B") >= 0) {
+    channels.light = {named("R"), named("G"), named("B")};
+  } else if (named("Y") >= 0 && count <= 2) {
+    channels.light.fill(named("Y"));
+  } else if (count > 2) {
+    std::string names;
+    for (const auto& name : spec.channelnames) names += (names.empty() ? "" : ", ") + name;
+    throw InputError("picture " + path.string() + " has " + std::to_string(count) + " channels (" + names +
+                     "), which is neither gray nor RGB; save it as gray, RGB or RGBA");
+  }
+  const int light = channels.light[0] == channels.light[1] ? 1 : 3;
+  if (channels.alpha < 0 && count == light + 1) {
+    channels.alpha = light;
+    warnings.push_back("picture " + path.string() + ": its last channel (" + spec.channelnames[light] + ") is taken as alpha");
+  } else if (count > light + (channels.alpha >= 0 ? 1 : 0)) {
+    warnings.push_back("picture " + path.string() + ": of its " + std::to_string(count) + " channels only R, G, B and alpha are used");
+  }
+  return channels;
+}
+
+/// A picture turned and mirrored as the TIFF and EXIF tag says [TIFF 6.0, Orientation].
+Grid<float> upright(Grid<float> stored, int orientation) {
+  if (orientation < 2 || orientation > 8) return stored;
+  const bool turned = orientation >= 5;
+  const int w = stored.width;
+  const int h = stored.height;
+  Grid<float> seen(turned ? h : w, turned ? w : h);
+  for (int row = 0; row < h; ++row) {
+    for (int column = 0; column < w; ++column) {
+      const int x = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8 ? w - 1 - column : column;
+      const int y = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7 ? h - 1 - row : row;
+      (turned ? seen.at(y, x) : seen.at(x, y)) = stored.at(column, row);
+    }
+  }
+  return seen;
 }
 
 void write_pixels(const fs::path& path, int width, int height, int channels, OIIO::TypeDesc stored,
@@ -114,52 +190,64 @@ void write_pixels(const fs::path& path, int width, int height, int channels, OII
 }  // namespace
 
 Picture read_picture(const fs::path& path, Transfer transfer) {
-  const RawImage image = read_raw(path);
-  const int channels = image.spec.nchannels;
-  const bool srgb = transfer == Transfer::kSrgb ||
-                    (transfer == Transfer::kAuto && image.spec.format.basetype == OIIO::TypeDesc::UINT8);
-  const int alpha = image.spec.alpha_channel >= 0 ? image.spec.alpha_channel : (channels == 2 ? 1 : channels == 4 ? 3 : -1);
-  const bool colour = channels >= 3;
-
+  const auto input = open(path);
+  const OIIO::ImageSpec& spec = input->spec();
   Picture picture;
-  const int w = image.spec.width;
-  const int h = image.spec.height;
-  picture.gray = Grid<float>(w, h);
-  if (colour) picture.red = picture.green = picture.blue = Grid<float>(w, h);
-  for (std::size_t i = 0; i < picture.gray.values.size(); ++i) {
-    const float* pixel = &image.pixels[i * channels];
-    for (int c = 0; c < channels; ++c) {
-      if (!std::isfinite(pixel[c]) || pixel[c] < 0) {
-        throw InputError("picture " + path.string() + " has a negative or not finite value at column " +
-                         std::to_string(i % w) + ", row " + std::to_string(i / w) + "; light is never below zero");
-      }
-    }
-    // OpenImageIO hands out colour with alpha already multiplied in code values: undo it, linearise, multiply in light.
-    const float a = alpha >= 0 ? std::min(pixel[alpha], 1.0F) : 1.0F;
-    const auto light = [&](float code) {
-      if (a <= 0) return 0.0F;
-      const float straight = alpha >= 0 ? code / a : code;
-      return a * (srgb ? srgb_to_linear(straight) : straight);
-    };
-    if (colour) {
-      const float r = light(pixel[0]);
-      const float g = light(pixel[1]);
-      const float b = light(pixel[2]);
-      picture.red.values[i] = r;
-      picture.green.values[i] = g;
-      picture.blue.values[i] = b;
-      picture.gray.values[i] = 0.2126F * r + 0.7152F * g + 0.0722F * b;
-    } else {
-      picture.gray.values[i] = light(pixel[0]);
-    }
+  const std::string name = "picture " + path.string();
+  const Channels channels = channels_of(spec, path, picture.warnings);
+  for (const char* tag : {"tiff:ColorSpace", "jpeg:ColorSpace"}) {
+    if (spec.get_string_attribute(tag) == "CMYK")
+      picture.warnings.push_back(name + " is CMYK, converted to RGB without its colour profile; save it as RGB or gray");
   }
+  const bool eight_bit = spec.format.basetype == OIIO::TypeDesc::UINT8;
+  const bool srgb = transfer == Transfer::kSrgb || (transfer == Transfer::kAuto && eight_bit);
+  std::array<float, 256> light_of_byte{};
+  for (int k = 0; k < 256; ++k) light_of_byte[k] = srgb_to_linear(static_cast<float>(k) / 255);
+  const bool straight = channels.alpha < 0 || spec.get_int_attribute("oiio:UnassociatedAlpha") != 0;
+  const auto light = [&](float code, float alpha) {
+    if (!srgb) return straight ? alpha * code : code;
+    if (alpha <= 0) return 0.0F;
+    if (!straight) return alpha * srgb_to_linear(code / alpha);
+    return alpha * (eight_bit ? light_of_byte[std::lround(code * 255)] : srgb_to_linear(code));
+  };
+
+  picture.gray = Grid<float>(spec.full_width, spec.full_height);
+  const int left = spec.x - spec.full_x;
+  const int top = spec.y - spec.full_y;
+  if (left < 0 || top < 0 || left + spec.width > spec.full_width || top + spec.height > spec.full_height)
+    picture.warnings.push_back(name + ": what lies outside its display window is cut");
+  const bool gray = channels.light[0] == channels.light[1];
+  for_each_row(*input, path, [&](int row, const float* pixel) {
+    for (int column = 0; column < spec.width; ++column, pixel += spec.nchannels) {
+      const float alpha = channels.alpha >= 0 ? std::min(pixel[channels.alpha], 1.0F) : 1.0F;
+      const auto& [r, g, b] = channels.light;
+      for (const float code : {pixel[r], pixel[g], pixel[b], alpha}) {
+        if (!std::isfinite(code) || code < 0) {
+          throw InputError(name + " has a negative or not finite value at column " + std::to_string(left + column) + ", row " +
+                           std::to_string(top + row) + "; light is never below zero");
+        }
+      }
+      const int x = left + column;
+      const int y = top + row;
+      if (x < 0 || y < 0 || x >= spec.full_width || y >= spec.full_height) continue;
+      picture.gray.at(x, y) = gray ? light(pixel[r], alpha)
+                                   : 0.2126F * light(pixel[r], alpha) + 0.7152F * light(pixel[g], alpha) +
+                                         0.0722F * light(pixel[b], alpha);
+    }
+  });
+  picture.gray = upright(std::move(picture.gray), spec.get_int_attribute("Orientation", 1));
+  if (input->seek_subimage(1, 0))
+    picture.warnings.push_back(name + " holds several pictures; the first is used");
   return picture;
 }
 
 Grid<float> read_float_image(const fs::path& path) {
-  const RawImage image = read_raw(path);
-  Grid<float> grid(image.spec.width, image.spec.height);
-  for (std::size_t i = 0; i < grid.values.size(); ++i) grid.values[i] = image.pixels[i * image.spec.nchannels];
+  const auto input = open(path);
+  const OIIO::ImageSpec& spec = input->spec();
+  Grid<float> grid(spec.width, spec.height);
+  for_each_row(*input, path, [&](int row, const float* pixel) {
+    for (int column = 0; column < spec.width; ++column, pixel += spec.nchannels) grid.at(column, row) = pixel[0];
+  });
   return grid;
 }
 

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
+#include <vector>
 
 #include "design/core/grid.h"
 
@@ -9,15 +11,17 @@ namespace lightmill {
 
 /// A picture in linear light, each value >= 0; alpha has been multiplied in (transparent is black).
 struct Picture {
-  Grid<float> gray;                ///< luminance (Rec. 709 weights)
-  Grid<float> red, green, blue;    ///< empty for a gray file
+  Grid<float> gray;                   ///< luminance (Rec. 709 weights)
+  std::vector<std::string> warnings;  ///< what of the file was not taken as it is, each beginning with its name
 };
 
 /// How code values in a file become light.
 enum class Transfer { kAuto, kSrgb, kLinear };
 
-/// Reads PNG, TIFF, EXR... kAuto: 8-bit files are sRGB, 16-bit and float files are linear.
-/// Throws InputError naming the file and the reason (unreadable, no pixels, negative or not finite values).
+/// Reads PNG, TIFF, EXR...: gray, gray and alpha, RGB or RGBA of any depth. kAuto: 8-bit files are sRGB, 16-bit and float
+/// files are linear. Rotations that the file asks for are done; an EXR's data window lies in its display window on black.
+/// Throws InputError naming the file and the reason (unreadable, cut short, no pixels, other channels, negative or not
+/// finite values and where).
 Picture read_picture(const std::filesystem::path& path, Transfer transfer = Transfer::kAuto);
 
 /// Reads one float channel as it is (a height map).

@@ -10,8 +10,8 @@ namespace lightmill::detail {
 namespace {
 
 // What a plane sweep may cost: steps are edges passed on a level, a few nanoseconds each.
-constexpr std::size_t kMostCrossings = 10000000;
-constexpr std::size_t kMostSteps = 4000000000;
+constexpr std::size_t kMostCrossings = 5000000;
+constexpr std::size_t kMostSteps = 1000000000;
 
 /// An edge, upwards.
 struct Edge {

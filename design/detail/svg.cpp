@@ -30,7 +30,7 @@ constexpr int kDeepestUse = 16;        // of <use> and of references between gra
 constexpr int kDeepestNesting = 512;   // of elements, well within a thread's stack
 constexpr int kMostDashes = 1000000;   // per stroke
 constexpr int kMostElements = 300000;  // drawn, counting what <use> draws again
-constexpr std::size_t kMostVertices = 10000000;  // of all that is flattened
+constexpr std::size_t kMostVertices = 3000000;   // of all that is flattened
 constexpr std::size_t kMostWarnings = 100;
 constexpr double kFarthest = 1e6;  // picture sizes from its centre: beyond, flattening has no meaning
 
@@ -96,8 +96,8 @@ bool is_editors(std::string_view prefix, std::string_view address) {
 
 class Reader {
  public:
-  Reader(std::string text, const std::filesystem::path& path, const Vec2& size_mm, ViewedFrom viewed_from, DrawingUse use)
-      : text_(std::move(text)), name_(path.string()), picture_(Box2::centred(size_mm)), use_(use) {
+  Reader(std::string text, const std::string& name, const Vec2& size_mm, ViewedFrom viewed_from, DrawingUse use)
+      : text_(std::move(text)), name_(name), picture_(Box2::centred(size_mm)), use_(use) {
     if (text_.starts_with("\x1f\x8b"))
       throw InputError(name_ + ": this drawing is compressed; save it again as plain SVG");
     for (std::size_t at = 0; at < text_.size(); ++at) {
@@ -142,6 +142,14 @@ class Reader {
   void warn(const pugi::xml_node& node, const std::string& what) { warn_at(line_at(node.offset_debug()), what); }
   [[noreturn]] void refuse(const pugi::xml_node& node, const std::string& what) const {
     throw InputError(name_ + ":" + std::to_string(line_at(node.offset_debug())) + ": " + what);
+  }
+
+  [[noreturn]] void refuse_size(const pugi::xml_node& node) const {
+    refuse(node, "the drawing comes to over " + std::to_string(kMostVertices) + " straight pieces; simplify it");
+  }
+  void count_element(const pugi::xml_node& node) {
+    if (++elements_ > kMostElements)
+      refuse(node, "the drawing has over " + std::to_string(kMostElements) + " elements, counting what <use> draws again; simplify it");
   }
 
   /// The address that a prefix stands for at a node.
@@ -390,9 +398,7 @@ class Reader {
       if (!is_editors(prefix, namespace_of(node, prefix))) warn(node, "<" + name + "> is not SVG and left out");
       return;
     }
-    if (++elements_ > kMostElements) {
-      refuse(node, "the drawing has over " + std::to_string(kMostElements) + " elements, counting what <use> draws again; simplify it");
-    }
+    count_element(node);
     Style style = inherited;
     apply_style(node, style);
     if (!style.displayed) return;
@@ -542,9 +548,7 @@ class Reader {
   void clip_part(const pugi::xml_node& node, const Style& inherited, const Place& outer, Clip& clip) {
     const std::string name = local_name(node);
     if (name == "title" || name == "desc" || name == "metadata") return;
-    if (++elements_ > kMostElements) {
-      refuse(node, "the drawing has over " + std::to_string(kMostElements) + " elements, counting what <use> draws again; simplify it");
-    }
+    count_element(node);
     Style style = inherited;
     apply_style(node, style);
     if (!style.displayed) return;
@@ -741,8 +745,7 @@ class Reader {
     }
     std::vector<Flattened> flattened;
     for (const auto& path : paths) flattened.push_back(flatten(path, to_mm));
-    if (vertices_ > kMostVertices)
-      refuse(node, "the drawing comes to over " + std::to_string(kMostVertices) + " straight pieces; simplify it");
+    if (vertices_ > kMostVertices) refuse_size(node);
     return flattened;
   }
   static std::vector<std::vector<Vec2>> outlines_of(const std::vector<Flattened>& flattened) {
@@ -953,6 +956,8 @@ class Reader {
         add({curve.vertices_mm[k], curve.density_per_mm[k]});
       }
       add(at(to, k));
+      vertices_ += dash.vertices_mm.size();
+      if (vertices_ > kMostVertices) refuse_size(node);
       dashes.push_back(std::move(dash));
     }
   }
@@ -986,8 +991,7 @@ class Reader {
         clips.push_back(static_cast<int>(shapes.clips.size()) - 1);
         for (auto& band : bands_of(gradient_of(fill.gradient, style, place, bounds), box)) {
           for (const auto& outline : band.shape.outlines_mm) vertices_ += outline.size();
-          if (vertices_ > kMostVertices)
-            refuse(node, "the drawing comes to over " + std::to_string(kMostVertices) + " straight pieces; simplify it");
+          if (vertices_ > kMostVertices) refuse_size(node);
           shapes.fills.push_back({std::move(band.shape), band.light, band.opacity * opacity, place.group, clips});
           lit = lit || band.light * band.opacity * opacity > 0;
         }
@@ -1079,8 +1083,12 @@ class Reader {
 
 }  // namespace
 
+Drawing parse_drawing(std::string text, const std::string& name, const Vec2& size_mm, ViewedFrom viewed_from, DrawingUse use) {
+  return Reader(std::move(text), name, size_mm, viewed_from, use).take();
+}
+
 Drawing read_drawing(const std::filesystem::path& path, const Vec2& size_mm, ViewedFrom viewed_from, DrawingUse use) {
-  return Reader(read_whole(path), path, size_mm, viewed_from, use).take();
+  return parse_drawing(read_whole(path), path.string(), size_mm, viewed_from, use);
 }
 
 }  // namespace lightmill::detail

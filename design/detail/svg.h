@@ -31,4 +31,8 @@ enum class DrawingUse { kLight, kOutlines };
 Drawing read_drawing(const std::filesystem::path& path, const Vec2& size_mm, ViewedFrom viewed_from,
                      DrawingUse use = DrawingUse::kLight);
 
+/// The same of a file's text; `name` is what messages call it.
+Drawing parse_drawing(std::string text, const std::string& name, const Vec2& size_mm, ViewedFrom viewed_from,
+                      DrawingUse use = DrawingUse::kLight);
+
 }  // namespace lightmill::detail

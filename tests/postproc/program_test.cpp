@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
 #include <algorithm>
 #include <clocale>
@@ -16,17 +15,22 @@
 #include "design/core/files.h"
 #include "design/core/text.h"
 #include "tests/postproc/programs.h"
+#include "tests/postproc/rs274.h"
 
 namespace lightmill {
 namespace {
 
+using test::Canonical;
 using test::faults_of;
+using test::has_rs274;
 using test::joined;
 using test::kDeg;
 using test::lines_of;
 using test::Made;
 using test::make;
 using test::make_for;
+using test::Rs274Run;
+using test::run_rs274;
 using test::with_block_numbers;
 using test::with_decimals;
 using testing::ElementsAre;
@@ -311,51 +315,6 @@ TEST(CheckProgramText, KnowsTheRules) {
 
 // A second interpreter, not ours: LinuxCNC's --------------------------------------------------------------------------
 
-struct Canonical {
-  std::string call;
-  std::vector<double> numbers;
-};
-
-struct Rs274Run {
-  int exit_code = 0;
-  std::string errors;
-  std::vector<Canonical> calls;  // feeds and traverses with X Y Z A B C, and what else takes numbers
-};
-
-bool has_rs274() {
-  return std::system("command -v rs274 > /dev/null 2>&1") == 0;
-}
-
-Rs274Run run_rs274(const Made& made, const std::string& name) {
-  // A folder and HOME of its own: rs274 truncates the user's ~/.tool.mmap.
-  const auto folder = std::filesystem::path(testing::TempDir()) / ("rs274_" + name);
-  std::filesystem::remove_all(folder);
-  std::filesystem::create_directories(folder);
-  const Cutter& cutter = made.path.cutter;
-  write_whole(folder / "mm.ini", "[TRAJ]\nLINEAR_UNITS = mm\n[RS274NGC]\nPARAMETER_FILE = prog.var\n");
-  write_whole(folder / "tool.tbl", "T" + std::to_string(cutter.number) + " P1 D" + fixed(cutter.diameter_mm / 25.4, 8) +
-                                       " Z+" + fixed(cutter.length_mm / 25.4, 8) + " ;inches\n");  // 2.9 reads inches
-  write_whole(folder / made.program.file_name, made.program.text);
-  const std::string command = "cd '" + folder.string() + "' && HOME='" + folder.string() +
-                              "' rs274 -g -i mm.ini -t tool.tbl " + made.program.file_name + " out.txt > log.txt 2>&1";
-  Rs274Run run;
-  const int status = std::system(command.c_str());
-  run.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  run.errors = read_whole(folder / "log.txt");
-  for (const std::string& line : lines_of(read_whole(folder / "out.txt"))) {
-    const std::size_t open = line.find('('), close = line.rfind(')');
-    if (open == std::string::npos || close == std::string::npos) continue;
-    Canonical canonical;
-    canonical.call = line.substr(line.rfind(' ', open) + 1, open - line.rfind(' ', open) - 1);
-    std::string arguments = line.substr(open + 1, close - open - 1);
-    std::replace(arguments.begin(), arguments.end(), ',', ' ');
-    std::istringstream in(arguments);
-    for (double value; in >> value;) canonical.numbers.push_back(value);
-    run.calls.push_back(canonical);
-  }
-  return run;
-}
-
 // Every move of the plan arrives in the canonical calls, in order, to 1e-4.
 void expect_plan_arrives(const Made& made, const Rs274Run& run) {
   EXPECT_EQ(run.exit_code, 0) << run.errors;
@@ -422,6 +381,35 @@ TEST(Rs274, ReadsTheLinuxCncDialect) {
   for (const bool turning : {false, true}) {
     const Made made = make_for("linuxcnc", turning);
     expect_plan_arrives(made, run_rs274(made, "linuxcnc"));
+  }
+}
+
+// Under TCP the words are the tip, and the feed is the tip's.
+TEST(Rs274, ReadsTheLinuxCncDialectUnderTcp) {
+  if (!has_rs274()) GTEST_SKIP() << "rs274 is not installed: apt-get install --no-install-recommends linuxcnc-uspace";
+  for (const bool turning : {false, true}) {
+    const Made made = make_for("linuxcnc", turning, true);
+    const Rs274Run run = run_rs274(made, "linuxcnc_tcp");
+    EXPECT_EQ(run.exit_code, 0) << run.errors;
+    std::size_t next = 0;
+    for (const Canonical& c : run.calls) {
+      if (next == made.motion.moves.size()) break;
+      const AxisMove& move = made.motion.moves[next];
+      if (move.joints.z_mm == made.machine.retract_z_mm) {
+        ++next;
+        continue;
+      }
+      if (c.call != "STRAIGHT_FEED" && c.call != "STRAIGHT_TRAVERSE") continue;
+      const ToolPose pose = forward(made.machine, made.setup, made.path.cutter.length_mm, move.joints);
+      const bool there = (Vec3(c.numbers[0], c.numbers[1], c.numbers[2]) - pose.tip_mm).cwiseAbs().maxCoeff() < 1e-4 &&
+                         std::abs(c.numbers[4] - move.joints.outer_rad / kDeg) < 1e-4 &&
+                         std::abs(c.numbers[5] - move.joints.inner_rad / kDeg) < 1e-4;
+      if (c.call == "STRAIGHT_FEED") {
+        EXPECT_TRUE(there) << next;
+      }
+      if (there) ++next;
+    }
+    EXPECT_EQ(next, made.motion.moves.size()) << "the plan does not arrive whole";
   }
 }
 

@@ -1,0 +1,54 @@
+#include "postproc/data_rate.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/postproc/support.h"
+
+namespace lightmill {
+namespace {
+
+using testing::HasSubstr;
+
+// `slow` moves of 10 ms, then `fast` ones of 1 ms.
+AxisMotion motion(int slow, int fast) {
+  AxisMotion m;
+  m.moves.push_back({{}, MoveKind::kRapid, 0, true});
+  for (int i = 0; i < slow + fast; ++i) m.moves.push_back({{}, MoveKind::kCut, i < slow ? 0.01 : 0.001, false});
+  return m;
+}
+
+TEST(DataRate, PeakIsOfTheBusiestStretch) {
+  MachineModel machine = test::fixture_machine();
+  machine.planner_blocks = 50;
+  machine.min_block_s = 0.002;
+  const AxisMotion m = motion(100, 100);
+  const DataRate rate = data_rate(machine, m, 42 * 200, 200, 0);
+  EXPECT_DOUBLE_EQ(rate.bytes_per_block, 42);
+  EXPECT_NEAR(rate.mean_blocks_per_s, 200 / 1.1, 1e-9);
+  EXPECT_NEAR(rate.peak_blocks_per_s, 1000, 1e-6);
+  EXPECT_DOUBLE_EQ(rate.control_blocks_per_s, 500);
+  EXPECT_EQ(rate.link_blocks_per_s, 0);
+  EXPECT_GT(rate.starved_share, 0.03);
+  EXPECT_LT(rate.starved_share, 0.1) << "the slow moves are not";
+  EXPECT_THAT(rate.remedy, HasSubstr("the control gives 500"));
+  machine.planner_blocks = 1000000;
+  EXPECT_NEAR(data_rate(machine, m, 1, 1, 0).peak_blocks_per_s, rate.mean_blocks_per_s, 1e-9);
+}
+
+// Ten bits a byte and a tenth spare: 500 blocks/s of 42 bytes want 233 kbaud.
+TEST(DataRate, ASlowLinkIsToldTheBaudItNeeds) {
+  const MachineModel machine = test::fixture_machine();
+  AxisMotion m = motion(0, 500);
+  for (AxisMove& move : m.moves) move.seconds *= 2;
+  const DataRate slow = data_rate(machine, m, 42 * 500, 500, 115200);
+  EXPECT_NEAR(slow.link_blocks_per_s, 115200 * 0.9 / 420, 1e-9);
+  EXPECT_NEAR(slow.starved_share, 0.802, 1e-9) << "once the control's look-ahead of 100 blocks is used up";
+  EXPECT_THAT(slow.remedy, HasSubstr("233333 baud"));
+  const DataRate quick = data_rate(machine, m, 42 * 500, 500, 921600);
+  EXPECT_EQ(quick.starved_share, 0);
+  EXPECT_THAT(quick.remedy, testing::IsEmpty());
+}
+
+}  // namespace
+}  // namespace lightmill
