@@ -52,6 +52,7 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
                            {"bytes", bytes},
                            {"max_tip_error_um", motion.max_tip_error_um},
                            {"max_axis_speed_ratio", motion.max_axis_speed_ratio},
+                           {"rewinds", motion.rewinds},
                            {"slowed_moves", motion.slowed_moves},
                            {"worst_slowing", motion.worst_slowing},
                            {"worst_slowing_at_mm",

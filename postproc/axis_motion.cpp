@@ -27,6 +27,11 @@ constexpr double kJointSlack = 1e-9;  // rounding at a limit is not overtravel
 // Reorienting at the machine's top, or turning C while the tip rubs at one spot, must not look cheap.
 constexpr double kReorientPenalty_s = 1;
 constexpr double kDwellInCutFactor = 10;
+// Leaving the part leaves a mark where the tool comes back: as seldom as can be, and rather in the air.
+constexpr double kRewindInAir_s = 1e5;
+constexpr double kRewindInCut_s = 1e6;
+constexpr double kFlattestRetract = 0.2;  // of the tool axis' z: 78 degrees
+constexpr double kRetractMargin_mm = 1;
 constexpr int kMostPieces = 64;
 constexpr int kDeepestSplit = 16;
 constexpr std::size_t kReportEvery = 16384;
@@ -212,6 +217,7 @@ class Writer {
     at_ = joints;
   }
 
+  void rewound() { ++motion_.rewinds; }
   void tip_error(double error_mm) { motion_.max_tip_error_um = std::max(motion_.max_tip_error_um, error_mm * 1e3); }
 
  private:
@@ -489,14 +495,32 @@ double edge_seconds(const Job& job, const Layer& before, const Candidate& u, con
 struct Choice {
   Tilt arrive;
   Tilt leave;
-  int branch = 0;
+  int arrive_branch = 0;
+  int branch = 0;       // left on
+  bool rewind = false;  // the tool leaves the part between arriving and leaving
 };
 
-// The cheapest way through all layers [Viterbi 1967].
-std::vector<Choice> choose(const Job& job, const std::vector<Layer>& layers, const Monitor& monitor) {
+// Above the part along the tool's axis, clear of the safe plane; nothing if the tool lies too flat for that.
+std::optional<Vec3> above_part(const Job& job, const ToolPose& pose) {
+  if (pose.axis.z() < kFlattestRetract) return std::nullopt;
+  const double rise = std::max(job.path.clearance_z_mm - pose.tip_mm.z(), 0.0) + kRetractMargin_mm;
+  return Vec3(pose.tip_mm + rise / pose.axis.z() * pose.axis);
+}
+
+bool can_retract(const Job& job, const ToolPose& pose, const Tilt& tilt) {
+  const auto above = above_part(job, pose);
+  if (!above) return false;
+  const JointPosition joints = job.joints(*above, tilt);
+  return worst_linear(job.machine, joints).amount == 0 && joints.z_mm <= job.machine.retract_z_mm;
+}
+
+// The cheapest way through all layers [Viterbi 1967]. Without `rewinds` the tool stays in the cut, and the result is empty if
+// that leads nowhere; with them it may leave the part, turn at the machine's top and come back.
+std::vector<Choice> choose(const Job& job, const std::vector<Layer>& layers, bool rewinds, const Monitor& monitor) {
   struct Node {
-    int from = -1;   // candidate of the layer before
-    int dwell = -1;  // candidate at which this pole layer was reached before C turned
+    int from = -1;        // candidate of the layer before
+    int dwell = -1;       // candidate at which this layer was reached before it turned on the spot, or above it
+    bool rewind = false;  // above it
   };
   std::vector<std::vector<Node>> nodes(layers.size());
   std::vector<double> cost;
@@ -522,9 +546,10 @@ std::vector<Choice> choose(const Job& job, const std::vector<Layer>& layers, con
       }
     }
     if (std::all_of(now.begin(), now.end(), [](double c) { return c == kInfinity; })) {
+      if (!rewinds) return {};
       throw InputError(place_text(job.path, layer.move, layer.pose) + ": " + job.machine.inner.letter + " or " +
                        job.machine.outer.letter +
-                       " would pass a limit on the way here and cannot turn back in the cut; "
+                       " would pass a limit on the way here, and the tool cannot be lifted to turn back; "
                        "split the pass with a rapid above the part, or turn the workpiece on the table");
     }
     if (layer.pole && layer.kind != MoveKind::kRapid) {
@@ -542,6 +567,20 @@ std::vector<Choice> choose(const Job& job, const std::vector<Layer>& layers, con
         }
       }
     }
+    if (rewinds && i > 0 && layer.kind != MoveKind::kRapid) {
+      const double penalty = layer.kind == MoveKind::kLink ? kRewindInAir_s : kRewindInCut_s;
+      const std::vector<double> arrived = now;
+      for (std::size_t u = 0; u < count; ++u) {
+        if (arrived[u] == kInfinity || !can_retract(job, layer.pose, layer.candidates[u].tilt)) continue;
+        for (std::size_t v = 0; v < count; ++v) {
+          if (u == v || arrived[u] + penalty >= now[v] || nodes[i][u].dwell >= 0) continue;
+          if (!can_retract(job, layer.pose, layer.candidates[v].tilt)) continue;
+          now[v] = arrived[u] + penalty;
+          nodes[i][v].dwell = static_cast<int>(u);
+          nodes[i][v].rewind = true;
+        }
+      }
+    }
     cost = std::move(now);
   }
 
@@ -551,8 +590,10 @@ std::vector<Choice> choose(const Job& job, const std::vector<Layer>& layers, con
     const Candidate& left = layers[i].candidates[v];
     choices[i].leave = left.tilt;
     choices[i].branch = left.branch;
+    choices[i].rewind = nodes[i][v].rewind;
     if (nodes[i][v].dwell >= 0) v = nodes[i][v].dwell;
     choices[i].arrive = layers[i].candidates[v].tilt;
+    choices[i].arrive_branch = layers[i].candidates[v].branch;
     v = nodes[i][v].from;
   }
   return choices;
@@ -714,10 +755,33 @@ void turn_along(const Job& job, Writer& writer, const Layer& before, const Layer
   turn.run(0, writer.at(), 1, job.joints(layer.pose.tip_mm, to));
 }
 
+// The feed of the path's moves of a kind: the greatest for links, the least for plunges; `otherwise` if it has none.
+double feed_of(const ToolPath& path, MoveKind kind, double otherwise) {
+  double feed = 0;
+  for (const Move& move : path.moves) {
+    if (move.kind != kind) continue;
+    feed = feed == 0 ? move.feed_mm_per_s
+                     : (kind == MoveKind::kLink ? std::max(feed, move.feed_mm_per_s) : std::min(feed, move.feed_mm_per_s));
+  }
+  return feed > 0 ? feed : otherwise;
+}
+
+// Up along the tool, over the machine's top to the other position of the rotary axes, and down to the same place.
+void rewind_above(const Job& job, Writer& writer, const Layer& layer, const Tilt& from, const Tilt& to) {
+  const Vec3 above = *above_part(job, layer.pose);
+  const double way = (above - layer.pose.tip_mm).norm();
+  writer.feed(job.joints(above, from), MoveKind::kLink, way, feed_of(job.path, MoveKind::kLink, layer.feed_mm_per_s));
+  writer.reorient(job.joints(above, to));
+  writer.feed(job.joints(layer.pose.tip_mm, to), MoveKind::kPlunge, way,
+              feed_of(job.path, MoveKind::kPlunge, layer.feed_mm_per_s));
+  writer.rewound();
+}
+
 void plan_turning(const Job& job, Writer& writer, const Monitor& monitor) {
   std::vector<Layer> layers = make_layers(job);
   fill_candidates(job, layers);
-  const std::vector<Choice> choices = choose(job, layers, monitor.part(0, 0.5));
+  std::vector<Choice> choices = choose(job, layers, false, monitor.part(0, 0.3));
+  if (choices.empty()) choices = choose(job, layers, true, monitor.part(0.3, 0.5));
   const Monitor emission = monitor.part(0.5, 1);
 
   for (std::size_t i = 0; i < layers.size(); ++i) {
@@ -744,10 +808,14 @@ void plan_turning(const Job& job, Writer& writer, const Monitor& monitor) {
     } else if (still) {
       writer.feed(joints, layer.kind, (layer.pose.tip_mm - layers[i - 1].pose.tip_mm).norm(), layer.feed_mm_per_s);
     } else {
-      turn_along(job, writer, layers[i - 1], layer, layer.pole ? choices[i - 1].branch : choices[i].branch, to);
+      turn_along(job, writer, layers[i - 1], layer, layer.pole ? choices[i - 1].branch : choices[i].arrive_branch, to);
     }
     const Tilt leave = onwards(choices[i].leave, to.inner_rad);
-    if (std::abs(leave.inner_rad - to.inner_rad) >= kJointSlack) turn_at_pole(job, writer, layer, to, leave);
+    if (choices[i].rewind) {
+      rewind_above(job, writer, layer, to, leave);
+    } else if (std::abs(leave.inner_rad - to.inner_rad) >= kJointSlack) {
+      turn_at_pole(job, writer, layer, to, leave);
+    }
   }
 }
 

@@ -350,6 +350,12 @@ class ProgramWriter {
       comment("MAKES the " + pass.pass + " pass of a lens, " + std::to_string(pass.moves.size()) + " moves, " +
               (turns_in_cut(pass) ? "5 axes at once" : "rotary axes fixed"));
     }
+    for (const AxisMotion& pass : passes_) {
+      if (pass.rewinds > 0) {
+        comment("REWINDS " + std::to_string(pass.rewinds) + " times in the cut of " + pass.pass +
+                ": a rotary axis is at its limit, the tool leaves the part and comes back");
+      }
+    }
     comment("TIME ABOUT " + fixed(minutes, 1) + " MIN, accelerations not counted");
     for (const AxisMotion& pass : passes_) tool_comments(pass);
     comment("ZERO " + (dialect_.tcp_ball_centre ? "DATUM " + std::to_string(setup_.work_offset - 53) : offset) +

@@ -164,6 +164,8 @@ class Checker {
       if (!measured_ || length_mm_ == 0) complain("tool-centre-point control before the tool length is set");
       if (!wants_tcp()) complain("tool-centre-point control was not asked for");
       if (tcp_ != Tcp::kOff) complain("tool-centre-point control is switched on twice");
+      // Planned moves to where the machine stands already are compared here, while words are axes.
+      while (next_ < pass().moves.size() && is_at(pass().moves[next_].joints, place_)) ++next_;
       tcp_ = Tcp::kOn;
       framed_ = false;
       if (dialect_.language == Language::kSiemens) modal_ &= ~bit(Order::kOffset);
@@ -386,8 +388,10 @@ class Checker {
       const Vec3 off = detail::tip_at(machine_, setup_, length_mm_, joints) - place.point;
       return off.cwiseAbs().maxCoeff() <= half_unit_;
     }
+    // Above the part, X and Y may still be those that followed from a rounded tip.
+    const double slack = place.top && wants_tcp() ? kPoseSlack * half_unit_ : half_unit_;
     const bool z = place.top ? joints.z_mm == machine_.retract_z_mm : std::abs(joints.z_mm - place.z) <= half_unit_;
-    return z && std::abs(joints.x_mm - place.x) <= half_unit_ && std::abs(joints.y_mm - place.y) <= half_unit_;
+    return z && std::abs(joints.x_mm - place.x) <= slack && std::abs(joints.y_mm - place.y) <= slack;
   }
 
   void follow(const Block& block, const Place& from, const Place& to) {

@@ -225,7 +225,7 @@ TEST(PlanMotion, EndlessTableWindsOn) {
   EXPECT_NEAR(std::abs(wound), 10 * kPi, 1e-6);
 }
 
-TEST(PlanMotion, LimitedTableUnwindsAtTheTopOrIsRefused) {
+TEST(PlanMotion, LimitedTableUnwindsAtTheTop) {
   MachineModel machine = test::hostile_machine();
   machine.inner.min_rad = -400 * kDeg;
   machine.inner.max_rad = 400 * kDeg;
@@ -237,11 +237,59 @@ TEST(PlanMotion, LimitedTableUnwindsAtTheTopOrIsRefused) {
     return move.kind == MoveKind::kRapid && move.rotary_moves;
   });
   EXPECT_GE(unwound, 3);  // the approach, and 1800 degrees in 800: at least two unwindings
-  EXPECT_THAT(refusal(machine, setup, test::circling(5, 90, false)),
-              AllOf(HasSubstr("limit"), HasSubstr("split the pass")));
+  EXPECT_EQ(motion.rewinds, 0u);
   // What just fits is not refused, though the principal angle of its start would be wrong.
   const ToolPath fits = test::circling(2, 90, false);
   expect_motion_holds(machine, setup, fits, plan_motion(machine, setup, fits));
+}
+
+// 1800 degrees without a rapid in 800: the tool leaves the part along its axis, turns at the top, and comes back to
+// where it was.
+TEST(PlanMotion, LimitedTableRewindsAboveThePart) {
+  MachineModel machine = test::hostile_machine();
+  machine.inner.min_rad = -400 * kDeg;
+  machine.inner.max_rad = 400 * kDeg;
+  const WorkSetup setup = work_on_table(machine, {11, 7, 30}, 54);
+  const ToolPath path = test::circling(5, 90, false);
+  const AxisMotion motion = plan_motion(machine, setup, path);
+  EXPECT_EQ(motion.rewinds, 2u) << "the fewest that do";
+  const auto pose = [&](const AxisMove& move) {
+    return test::pose_by_matrices(machine, setup.origin_mm, path.cutter.length_mm, move.joints);
+  };
+  std::size_t done = 0, rewinds = 0;
+  for (std::size_t i = 0; i < motion.moves.size(); ++i) {
+    const AxisMove& move = motion.moves[i];
+    ASSERT_LE(std::abs(move.joints.inner_rad), machine.inner.max_rad + 1e-9);
+    const ToolPose here = pose(move);
+    while (done < path.moves.size() && (here.tip_mm - path.moves[done].pose.tip_mm).norm() < 1e-8 &&
+           (here.axis - path.moves[done].pose.axis).norm() < 3e-5) {
+      ++done;
+    }
+    if (i < 3 || move.kind != MoveKind::kRapid) continue;
+    if (!move.rotary_moves) {
+      EXPECT_TRUE(move.joints.z_mm == machine.retract_z_mm || here.tip_mm.z() > path.clearance_z_mm);
+      continue;
+    }
+    ++rewinds;
+    // link up, rapid to the top | turn, across, down | plunge: in and out at one place.
+    ASSERT_EQ(motion.moves[i - 2].kind, MoveKind::kLink);
+    EXPECT_NEAR((pose(motion.moves[i - 2]).tip_mm - pose(motion.moves[i - 3]).tip_mm)
+                    .cross(pose(motion.moves[i - 3]).axis)
+                    .norm(),
+                0, 1e-9)
+        << "along the tool";
+    ASSERT_EQ(motion.moves[i + 3].kind, MoveKind::kPlunge);
+    EXPECT_LT((pose(motion.moves[i + 3]).tip_mm - pose(motion.moves[i - 3]).tip_mm).norm(), 1e-9);
+    EXPECT_LT((pose(motion.moves[i + 3]).axis - pose(motion.moves[i - 3]).axis).norm(), 1e-9);
+  }
+  EXPECT_EQ(done, path.moves.size());
+  EXPECT_EQ(rewinds, motion.rewinds);
+
+  // Where the machine is too low to lift the tool, it is refused with the place.
+  ToolPath low = path;
+  low.clearance_z_mm = 320;
+  EXPECT_THAT(refusal(machine, setup, low),
+              AllOf(HasSubstr("cannot be lifted to turn back"), HasSubstr("split the pass"), HasSubstr("move ")));
 }
 
 TEST(PlanMotion, SlowsDownForTheTable) {

@@ -232,6 +232,23 @@ TEST(Tcp, TheProgramDoesNotKnowWhereTheWorkStands) {
   }
 }
 
+// A limited axis rewinds above the part, in every dialect, and the checker follows.
+TEST(Rewinds, AreWrittenAndChecked) {
+  for (const Case& c : all_cases()) {
+    if (!c.turning) continue;
+    MachineModel machine = test::hostile_machine();
+    machine.controller = c.controller;
+    machine.has_tcp = c.tcp;
+    machine.inner.min_rad = -400 * kDeg;
+    machine.inner.max_rad = 400 * kDeg;
+    ProgramOptions options = with_decimals(4);
+    options.tcp = c.tcp;
+    const Made made = make(machine, work_on_table(machine, {11, 7, 30}, 54), test::circling(3, 40, false), options);
+    EXPECT_EQ(made.motion.rewinds, 1u);
+    EXPECT_TRUE(made.program.text.find("REWINDS 1 ") != std::string::npos) << c.name();
+  }
+}
+
 // One program for two tools: the second tool's length, speed and zero of the plan are its own.
 TEST(WholeProgram, ChangesToolsBetweenPasses) {
   for (const Case& c : all_cases()) {
