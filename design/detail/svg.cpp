@@ -77,6 +77,15 @@ struct Paint {
   pugi::xml_node gradient;
 };
 
+/// Something that may happen at many elements and is said once.
+struct Tally {
+  int count = 0;
+  int first_line = 0;
+  void note(int line) {
+    if (count++ == 0) first_line = line;
+  }
+};
+
 Vec2 vec(const Geom::Point& p) {
   return {p.x(), p.y()};
 }
@@ -120,10 +129,13 @@ class Reader {
   }
 
   Drawing take() {
-    if (cut_ > 0) {
-      drawing_.warnings.push_back(name_ + ":" + std::to_string(first_cut_line_) + ": reaches out of the picture and is cut at its border" +
-                                  (cut_ > 1 ? " (so do " + std::to_string(cut_ - 1) + " more elements)" : ""));
-    }
+    const auto sum_up = [&](const Tally& tally, const std::string& what) {
+      if (tally.count == 0) return;
+      drawing_.warnings.push_back(name_ + ":" + std::to_string(tally.first_line) + ": " + what +
+                                  (tally.count > 1 ? " (and so at " + std::to_string(tally.count - 1) + " more elements)" : ""));
+    };
+    sum_up(cut_, "reaches out of the picture and is cut at its border");
+    sum_up(dark_strokes_, "a black stroke is no light and takes none away; draw dark lines as filled shapes");
     if (warnings_ > kMostWarnings)
       drawing_.warnings.push_back(name_ + ": " + std::to_string(warnings_ - kMostWarnings) + " more warnings are not listed");
     return std::move(drawing_);
@@ -592,6 +604,7 @@ class Reader {
       }
       flux = *value;
     }
+    flux *= style.opacity * place.opacity;
     if (!style.visible || flux == 0) return;
     const Vec2 at = vec(Geom::Point(length(node, "cx", style, place.view.x()), length(node, "cy", style, place.view.y())) * place.to_mm);
     if (!shows(at, place)) return;
@@ -1004,6 +1017,8 @@ class Reader {
       stroke = {Paint::Kind::kEven, mean.light, mean.opacity, {}};
       warn(node, "the gradient \"" + style.stroke + "\" of a stroke is drawn as its mean; vary it by data-flux");
     }
+    if (stroke.kind == Paint::Kind::kEven && stroke.light == 0 && stroke.opacity > 0 && use_ == DrawingUse::kLight)
+      dark_strokes_.note(line_at(node.offset_debug()));
     if (stroke.kind != Paint::Kind::kNone) {
       const auto width = parse_length(style.stroke_width, diagonal(place.view), style.font_size);
       if (!width || *width < 0)
@@ -1019,7 +1034,7 @@ class Reader {
     }
     const double slack = 1e-6 * picture_.size().maxCoeff();
     if (lit && place.clips.empty() && ((box.min.array() < picture_.min.array() - slack).any() || (box.max.array() > picture_.max.array() + slack).any())) {
-      if (cut_++ == 0) first_cut_line_ = line_at(node.offset_debug());
+      cut_.note(line_at(node.offset_debug()));
     }
   }
 
@@ -1041,6 +1056,14 @@ class Reader {
       }
     }
     std::vector<CurveLight> curves;
+    const bool dots = std::any_of(flattened.begin(), flattened.end(), [](const Flattened& flat) { return flat.along.back() == 0; });
+    const bool dark_dashes = !pattern.empty() && [&] {
+      for (std::size_t k = 0; k < pattern.size(); k += 2) {
+        if (pattern[k] > 0) return false;
+      }
+      return true;
+    }();
+    if (dots || dark_dashes) warn(node, "a stroke or dash without length has no light; mark points by class=\"point\"");
     for (std::size_t k = 0; k < flattened.size() && k < profiles.size(); ++k) {
       if (flattened[k].vertices_mm.size() < 2) continue;
       CurveLight curve{flattened[k].vertices_mm, profiles[k]};
@@ -1063,6 +1086,7 @@ class Reader {
     }
   }
 
+
   std::string text_;
   std::vector<std::size_t> line_ends_;
   std::string name_;
@@ -1074,8 +1098,8 @@ class Reader {
   double page_scale_ = 1;  // mm per unit of the page
   int elements_ = 0;
   std::size_t vertices_ = 0;
-  int cut_ = 0;  // lit elements that reach out of the picture
-  int first_cut_line_ = 0;
+  Tally cut_;           // lit elements that reach out of the picture
+  Tally dark_strokes_;  // elements whose stroke is black
   std::set<std::string> warned_;
   std::size_t warnings_ = 0;
   Drawing drawing_;

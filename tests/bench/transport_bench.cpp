@@ -51,8 +51,15 @@ TargetLight target_of(const std::string& name) {
     return target;
   }
   if (std::ranges::find(test::kMustHold, name) != test::kMustHold.end()) return test::must_hold_target(name);
-  spec.drawing = LIGHTMILL_FIXTURES "/pictures/" + name + ".svg";
-  return load_target(spec);
+  // "logo-pixels": the logo on the pixels that its borders are kept in, to see what borders cost.
+  const bool on_pixels = name.ends_with("-pixels");
+  spec.drawing = LIGHTMILL_FIXTURES "/pictures/" + name.substr(0, name.size() - (on_pixels ? 7 : 0)) + ".svg";
+  TargetLight target = load_target(spec);
+  if (on_pixels) {
+    target.area_flux = rasterise_area(target, 1024, 1024);
+    target.area_borders.clear();
+  }
+  return target;
 }
 
 struct Case {

@@ -9,6 +9,7 @@
 #include "design/detail/fills.h"
 #include "design/detail/power_diagram.h"
 #include "design/detail/target_measure.h"
+#include "design/transport.h"
 
 namespace lightmill::detail {
 namespace {
@@ -311,6 +312,25 @@ TEST(PixelDensity, PowerDiagramsShareOutAllLight) {
     }
     EXPECT_NEAR(mass, 1, 1e-12) << "seed 21, trial " << trial;
     EXPECT_LT((moment - spread_of(target, 0).mean).norm(), 1e-11) << "seed 21, trial " << trial;
+  }
+}
+
+TEST(PixelDensity, AFilledRectangleIsReachedByAnAffineMap) {
+  // Whatever the pixels: its sides lie on none of their borders.
+  SourceLight source;
+  source.size_mm = {60, 40};
+  TargetLight target;
+  target.extent = {{-50, -50}, {50, 50}};
+  const Box2 lit{{-13.377, -41.0331}, {28.613, 22.719}};
+  target.area_borders = borders_of({{{{{{lit.min, {lit.max.x(), lit.min.y()}, lit.max, {lit.min.x(), lit.max.y()}}}}, 1, 1, -1, {}}}, {}, {}}, target.extent);
+  target.normalise();
+  TransportOptions options;
+  options.samples = 384;
+  options.l1_tolerance = options.max_tolerance = 1e-10;
+  const TransportMap map = solve_transport(source, target, options);
+  for (std::size_t k = 0; k < map.sites_mm.size(); ++k) {
+    const Vec2 wanted = lit.centre() + map.sites_mm[k].cwiseProduct(lit.size().cwiseQuotient(source.size_mm));
+    EXPECT_LT((map.target_centroids_mm[k] - wanted).norm(), 1e-7);
   }
 }
 

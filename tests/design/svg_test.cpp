@@ -114,7 +114,7 @@ TEST_F(SvgTest, LightBesideThePictureIsCutAndSaid) {
 <rect width="400" height="400" x="-100" y="-100"/>
 <rect width="100" height="50" fill="white"/>
 <path d="M0 0V100" stroke="white"/><path d="M50 50h9" stroke="white"/></svg>)svg");
-  EXPECT_THAT(load_target(spec).warnings, ElementsAre(HasSubstr("drawing.svg:3: reaches out of the picture and is cut at its border (so do 1 more")));
+  EXPECT_THAT(load_target(spec).warnings, ElementsAre(HasSubstr("drawing.svg:3: reaches out of the picture and is cut at its border (and so at 1 more")));
   spec = whole("<svg viewBox=\"0 0 200 100\"><rect width=\"200\" height=\"100\" fill=\"white\"/>\n<circle class=\"point\" cx=\"201\" cy=\"9\"/></svg>");
   EXPECT_THAT(load_target(spec).warnings, ElementsAre(HasSubstr("drawing.svg:2: a point lies outside")));
 }
@@ -300,6 +300,17 @@ TEST_F(SvgTest, DashesFollowPathLengthAndFixedWidthsThePage) {
   target = load_target(drawing(R"svg(<path d="M10 50h40" stroke="white"/><path d="M10 10h10" transform="scale(4)" stroke="white" vector-effect="non-scaling-stroke"/>)svg"));
   ASSERT_EQ(target.curves.size(), 2U);
   EXPECT_NEAR(target.curves[0].flux(), target.curves[1].flux(), 1e-12);
+}
+
+TEST_F(SvgTest, StrokesAndPointsWithoutLightAreSaid) {
+  EXPECT_THAT(warnings("\n<path d=\"M5 5h0\" stroke=\"white\"/>"), ElementsAre(HasSubstr("drawing.svg:3: a stroke or dash without length")));
+  EXPECT_THAT(warnings("\n<path d=\"M5 5h9\" stroke=\"white\" stroke-dasharray=\"0 2\" stroke-linecap=\"round\"/>"),
+              ElementsAre(HasSubstr("drawing.svg:3: a stroke or dash without length")));
+  EXPECT_THAT(warnings("\n<g stroke=\"black\"><path d=\"M5 5h9\"/>\n<path d=\"M5 6h9\"/></g>"),
+              ElementsAre(HasSubstr("drawing.svg:3: a black stroke is no light and takes none away; draw dark lines as filled shapes (and so at 1 more")));
+  // Opacity is light for points too.
+  const TargetLight target = load_target(drawing(R"svg(<g opacity="0.5"><circle class="point" data-flux="2" cx="5" cy="5" opacity="0.5"/></g><circle class="point" cx="9" cy="9"/>)svg"));
+  EXPECT_NEAR(target.points[0].flux / target.points[1].flux, 0.5, 1e-12);
 }
 
 TEST_F(SvgTest, ACompressedDrawingIsNamed) {

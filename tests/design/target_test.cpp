@@ -323,6 +323,14 @@ TEST_F(TargetTest, BackgroundIsAShareOfTheMean) {
   EXPECT_NEAR(load_target(spec).area_flux.at(1, 0), 0.05 / 1.1, 1e-12);
 }
 
+TEST_F(TargetTest, BackgroundLiesUnderDrawingsToo) {
+  TargetSpec spec = drawing(R"svg(<rect width="50" height="100" fill="white"/>)svg");
+  spec.background = 0.2;
+  const Grid<double> quarters = rasterise(load_target(spec), 4, 1);
+  EXPECT_NEAR(quarters.at(0, 0), 1.05 / 1.2, 1e-12);
+  EXPECT_NEAR(quarters.at(3, 0), 0.05 / 1.2, 1e-12);
+}
+
 TEST_F(TargetTest, RasteriseKeepsAllFluxInItsPlace) {
   TargetLight target;
   target.extent = {{-30, -10}, {50, 30}};
