@@ -399,9 +399,9 @@ std::vector<Sampling> sample_mesh(const SourceMesh& whole, int samples, std::uin
   std::vector<int> at(mesh.triangles.size(), 0);
   std::vector<Sampling> result;
   for (int level = levels - 1; level >= 0; --level) {
-    const bool coarsest = level == levels - 1;
-    Relaxed relaxed = relax(mesh, std::move(sites), reach, coarsest ? kMostCoarse : kMostFine, at, monitor);
-    for (int turn = 0; coarsest && turn < kSharings && share_out(relaxed); ++turn)
+    const bool first = level == levels - 1;
+    Relaxed relaxed = relax(mesh, std::move(sites), reach, first ? kMostCoarse : kMostFine, at, monitor);
+    for (int turn = 0; first && turn < kSharings && share_out(relaxed); ++turn)
       relaxed = relax(mesh, std::move(relaxed.sites), reach, kMostCoarse, at, monitor);
     equalise(mesh, relaxed, reach, at, monitor);
     const std::size_t n = relaxed.sites.size();

@@ -2,6 +2,7 @@
 // transport_bench [TARGET] [SAMPLES] [rectangle|disk] [newton|lbfgs] [trace]; without arguments: all targets at 65,536 samples.
 // transport_bench sizes: smooth, photo, rings and strokes at 16k, 66k, 262k and 1.05M samples, and the paper's L-BFGS alone at
 // 16k as a ratio of seconds, as a table.
+// transport_bench separable: distances to the closed form of a separable density, by samples.
 // transport_bench must-hold: the targets on which the error bounds must hold, at 65,536 samples.
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -18,6 +19,7 @@
 #include "design/target.h"
 #include "design/transport.h"
 #include "tests/design/must_hold_targets.h"
+#include "tests/design/separable_light.h"
 
 using namespace lightmill;
 
@@ -121,10 +123,33 @@ double run_apart(const Case& what) {
   return seconds;
 }
 
+/// How the map converges to its closed form.
+void print_convergence() {
+  std::printf("| samples | worst, cells | worst, mm | RMS, mm |\n|---|---|---|---|\n");
+  const test::SeparableLight light;
+  for (const int samples : {1000, 4000, 16000, 64000}) {
+    TransportOptions options;
+    options.samples = samples;
+    const TransportMap map = solve_transport(light.source, light.target, options);
+    const std::size_t n = map.sites_mm.size();
+    double worst = 0, squares = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      const double off = (map.target_centroids_mm[i] - light.goes_to(map.sites_mm[i])).norm();
+      worst = std::max(worst, off);
+      squares += off * off / static_cast<double>(n);
+    }
+    std::printf("| %zu | %.3f | %.4f | %.4f |\n", n, worst / light.cell_mm(n), worst, std::sqrt(squares));
+  }
+}
+
 }  // namespace
 
 int main(int count, char** arguments) {
   const std::vector<std::string> words(arguments + 1, arguments + count);
+  if (!words.empty() && words[0] == "separable") {
+    print_convergence();
+    return 0;
+  }
   std::printf("| target | samples | s | CPU s | diagrams s | integrals s | equations s | evaluations | l1 | worst cell | MB |\n");
   std::printf("|---|---|---|---|---|---|---|---|---|---|---|\n");
   if (!words.empty() && words[0] == "sizes") {
