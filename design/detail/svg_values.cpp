@@ -72,6 +72,54 @@ std::optional<double> parse_length(std::string_view text, double whole, double f
   return *value * found->second;
 }
 
+namespace {
+
+/// Arguments of a transform: numbers, lengths in px, angles in degrees or what CSS turns into them.
+std::optional<std::vector<double>> transform_arguments(std::string_view text) {
+  std::vector<double> values;
+  while (!(text = trimmed(text)).empty()) {
+    if (text.starts_with(',')) text = trimmed(text.substr(1));
+    auto value = take_number(text);
+    if (!value) return std::nullopt;
+    const std::size_t end = std::min(text.find_first_not_of("abcdefghijklmnopqrstuvwxyz"), text.size());
+    const std::string_view unit = text.substr(0, end);
+    text.remove_prefix(end);
+    if (unit == "rad") {
+      *value *= 180 / kPi;
+    } else if (unit == "turn") {
+      *value *= 360;
+    } else if (unit == "grad") {
+      *value *= 0.9;
+    } else if (!unit.empty() && unit != "deg" && unit != "px") {
+      return std::nullopt;
+    }
+    values.push_back(*value);
+  }
+  return values;
+}
+
+/// One step of a transform; nothing when it is not well formed.
+std::optional<Geom::Affine> transform_step(std::string_view name, const std::vector<double>& a) {
+  const std::size_t n = a.size();
+  const auto skew = [](double degrees) { return std::tan(degrees * kPi / 180); };
+  if (name == "matrix" && n == 6) return Geom::Affine(a[0], a[1], a[2], a[3], a[4], a[5]);
+  if (name == "translate" && (n == 1 || n == 2)) return Geom::Translate(a[0], n == 2 ? a[1] : 0);
+  if (name == "translateX" && n == 1) return Geom::Translate(a[0], 0);
+  if (name == "translateY" && n == 1) return Geom::Translate(0, a[0]);
+  if (name == "scale" && (n == 1 || n == 2)) return Geom::Affine(a[0], 0, 0, n == 2 ? a[1] : a[0], 0, 0);
+  if (name == "scaleX" && n == 1) return Geom::Affine(a[0], 0, 0, 1, 0, 0);
+  if (name == "scaleY" && n == 1) return Geom::Affine(1, 0, 0, a[0], 0, 0);
+  if (name == "rotate" && (n == 1 || n == 3)) {
+    const Geom::Point centre(n == 3 ? a[1] : 0, n == 3 ? a[2] : 0);
+    return Geom::Translate(-centre) * Geom::Rotate::from_degrees(a[0]) * Geom::Translate(centre);
+  }
+  if (name == "skewX" && n == 1) return Geom::Affine(1, 0, skew(a[0]), 1, 0, 0);
+  if (name == "skewY" && n == 1) return Geom::Affine(1, skew(a[0]), 0, 1, 0, 0);
+  return std::nullopt;
+}
+
+}  // namespace
+
 std::optional<Geom::Affine> parse_transform(std::string_view text) {
   Geom::Affine result;  // identity; lib2geom multiplies row vectors, so the innermost transform comes first
   for (;;) {
@@ -81,30 +129,11 @@ std::optional<Geom::Affine> parse_transform(std::string_view text) {
     const std::size_t open = text.find('(');
     const std::size_t close = text.find(')');
     if (open == std::string_view::npos || close == std::string_view::npos || close < open) return std::nullopt;
-    const std::string_view name = trimmed(text.substr(0, open));
-    const auto v = numbers_of(text.substr(open + 1, close - open - 1));
+    const auto arguments = transform_arguments(text.substr(open + 1, close - open - 1));
+    const auto step = arguments ? transform_step(trimmed(text.substr(0, open)), *arguments) : std::nullopt;
+    if (!step) return std::nullopt;
     text.remove_prefix(close + 1);
-    if (!v) return std::nullopt;
-    const std::size_t n = v->size();
-    const auto& a = *v;
-    Geom::Affine step;
-    if (name == "matrix" && n == 6) {
-      step = Geom::Affine(a[0], a[1], a[2], a[3], a[4], a[5]);
-    } else if (name == "translate" && (n == 1 || n == 2)) {
-      step = Geom::Translate(a[0], n == 2 ? a[1] : 0);
-    } else if (name == "scale" && (n == 1 || n == 2)) {
-      step = Geom::Affine(a[0], 0, 0, n == 2 ? a[1] : a[0], 0, 0);
-    } else if (name == "rotate" && (n == 1 || n == 3)) {
-      const Geom::Point centre(n == 3 ? a[1] : 0, n == 3 ? a[2] : 0);
-      step = Geom::Translate(-centre) * Geom::Rotate::from_degrees(a[0]) * Geom::Translate(centre);
-    } else if (name == "skewX" && n == 1) {
-      step = Geom::Affine(1, 0, std::tan(a[0] * kPi / 180), 1, 0, 0);
-    } else if (name == "skewY" && n == 1) {
-      step = Geom::Affine(1, std::tan(a[0] * kPi / 180), 0, 1, 0, 0);
-    } else {
-      return std::nullopt;
-    }
-    result = step * result;
+    result = *step * result;
   }
 }
 

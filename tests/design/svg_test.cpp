@@ -149,6 +149,28 @@ TEST_F(SvgTest, LengthsHaveUnits) {
   EXPECT_THAT(warnings("\n<rect width=\"3parsec\" height=\"1\"/>"), ElementsAre(HasSubstr("drawing.svg:3: width = \"3parsec\" is not a length")));
 }
 
+TEST_F(SvgTest, TransformsAreThoseOfAttributesAndOfStyle) {
+  const auto at = [&](const std::string& transform) {
+    const TargetLight target = load_target(drawing("<g " + transform + "><circle class=\"point\" cx=\"30\" cy=\"10\"/></g>"));
+    return Vec2(target.points.front().position_mm.x() + 100, 50 - target.points.front().position_mm.y());
+  };
+  const auto near = [&](const std::string& transform, const Vec2& wanted) {
+    EXPECT_LT((at("transform=\"" + transform + "\"") - wanted).norm(), 1e-9) << transform;
+    EXPECT_LT((at("style=\"transform:" + transform + "\"") - wanted).norm(), 1e-9) << transform;
+  };
+  near("translate(5) , translate(0,7)", {35, 17});
+  near("translate(5px, 7px)", {35, 17});
+  near("translateX(5)translateY(-7px)", {35, 3});
+  near("scale(2 3)", {60, 30});
+  near("scaleX(2) scaleY(4)", {60, 40});
+  near("translate(50 10)rotate(90)", {40, 40});
+  near("translate(50 10)rotate(0.25turn)", {40, 40});
+  near("rotate(90deg 20 10)", {20, 20});
+  near("skewX(45)", {40, 10});
+  near("matrix(0 1 1 0 1 2)", {11, 32});
+  EXPECT_THAT(warnings("\n<g transform=\"rotate(1foo)\"/>"), ElementsAre(HasSubstr("drawing.svg:3: transform \"rotate(1foo)\" is not understood; <g> is left out")));
+}
+
 TEST_F(SvgTest, AGroupWithOpacityIsOneLayer) {
   const std::string two = R"svg(<rect x="120" y="20" width="20" height="10" fill="white"/><rect x="130" y="20" width="20" height="10" fill="white"/>)svg";
   EXPECT_NEAR(light_of("<g opacity=\"0.5\">" + two + "</g>"), 300 * 0.5, 1e-9);
