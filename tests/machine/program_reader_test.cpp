@@ -181,6 +181,93 @@ TEST(ProgramReader, HeidenhainSpeaksInMovesAndCycles) {
                  ReaderDialect::kHeidenhain);
 }
 
+TEST(ProgramReader, HeidenhainTimesBlocks) {
+  const Reading r = read("0 BEGIN PGM A MM\n1 L X+1 F600\n2 L X+2 B+5 FT0.25\n3 L X+3\n4 END PGM A MM\n", ReaderDialect::kHeidenhain);
+  ASSERT_FALSE(r.result.error) << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), 3U);
+  EXPECT_DOUBLE_EQ(r.moves[1].seconds, 0.25);
+  EXPECT_DOUBLE_EQ(r.moves[2].seconds, 0.1) << "the feed per minute is in force again";
+  expect_refused("0 BEGIN PGM A MM\n1 L X+1 FT0\n2 END PGM A MM\n", "FT takes", 2, ReaderDialect::kHeidenhain);
+}
+
+TEST(ProgramReader, HeidenhainSpeaksDinIsoToo) {
+  const Reading r = read(
+      "%LENS G71 *\nN10 G30 G17 X-30 Y-30 Z-10 *\nN20 G31 G90 X+30 Y+30 Z+0 *\nN30 G247 Q339=+1 *\nN40 T3 G17 S20000 DL-2 *\n"
+      "N50 G00 G40 Z-1 M91 *\nN60 X+0 Y+0 M3 *\nN70 G04 F8 *\nN80 Z+30 *\nN90 G01 X+30 F1000 *\nN100 G03 X+0 Y+30 I+0 J+0 *\n"
+      "N110 G01 G91 X+1 *\nN120 G90 M126 *\nN130 G00 C-170 *\nN140 C+170 *\nN150 M128 *\nN160 G01 X+1 Y+2 Z+30 B+10 *\n"
+      "N170 M129 *\nN180 G00 Z-1 M91 M5 *\nN190 ; the end\nN200 M30 *\nN99999999 %LENS G71 *\n",
+      ReaderDialect::kHeidenhainIso);
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  EXPECT_TRUE(r.result.ended);
+  ASSERT_EQ(r.moves.size(), 10U);
+  EXPECT_EQ(r.moves[0].target[2], -1);
+  EXPECT_EQ(r.moves[2].target, (AxisValues{10, -5, -400 + 83 + 30, 0, 0})) << "DL shortens the tool";
+  EXPECT_DOUBLE_EQ(r.moves[3].seconds, 1.8);
+  EXPECT_NEAR(r.moves[4].programmed[1], 30, 1e-12);
+  EXPECT_NEAR(r.moves[5].programmed[0], 1, 1e-12);
+  EXPECT_NEAR(r.moves[7].programmed[4], -190 * kRad, 1e-12);
+  WorkpieceView view(test::skew_machine(), {10, -5, -400});
+  const AxisValues& q = r.moves[8].target;
+  EXPECT_LT((view.cutter({q[0], q[1], q[2], q[3], q[4]}, 83).tip_mm - Vec3(1, 2, 30)).norm(), 1e-10);
+
+  const auto refused = [](const std::string& block, const std::string& rule) {
+    expect_refused("%A G71 *\nN10 " + block + "\nN99999999 %A G71 *\n", rule, 2, ReaderDialect::kHeidenhainIso);
+  };
+  refused("G01 X+1", "ends with *");
+  refused("G01 X+1 *", "feed not given");
+  refused("G41 X+1 *", "G41 is not understood");
+  refused("M116 *", "M116 is not understood");
+  refused("G00 X+1 X+2 *", "named twice");
+  refused("G00 X1e5 *", "bad number");
+  refused("G62 T0.1 P01 *", "value is missing");
+  refused("G247 Q339=+12 *", "datums");
+  refused("T9 G17 S100 *", "tool table");
+  expect_refused("%A G71 *\nN20 M128 *\nN30 T1 G17 S100 *\n", "M129", 3, ReaderDialect::kHeidenhainIso);
+  expect_refused("%A G71 *\nN20 M8 *\nN20 M9 *\n", "grow", 3, ReaderDialect::kHeidenhainIso);
+  expect_refused("%A G71 *\nN20 M8 *\nN30 %B G71 *\n", "must name", 3, ReaderDialect::kHeidenhainIso);
+}
+
+TEST(ProgramReader, SiemensSuppressesFramesAndTurnsTheShortWay) {
+  const Reading r = read(
+      "; %_N_LENS_MPF\nG17 G40 G71 G90 G94\nG54\nSUPA G0 Z0 D0\nT3 M6\nS20000 M3\nG4 F8\nD1\nG0 X=10 Y2 Z30\nSUPA G0 Z-50\n"
+      "SUPA G0 Z-50 D0\nG0 C=DC(190)\nC=DC(10)\nC=AC(-20)\nC=IC(5)\nD1\nTRAORI\nG54\nORIWKS ORIAXES\nG1 X1 Y2 Z30 B10 F1200\n"
+      "TRAFOOF\nG93 G1 X2 F60\nM5\nM30\n",
+      ReaderDialect::kSiemens);
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), 10U);
+  EXPECT_EQ(r.moves[1].target, (AxisValues{20, -3, -400 + 85 + 30, 0, 0}));
+  EXPECT_EQ(r.moves[2].target[2], 35) << "SUPA alone keeps the tool's length";
+  EXPECT_EQ(r.moves[3].target[2], -50);
+  EXPECT_NEAR(r.moves[4].programmed[4], -170 * kRad, 1e-12);
+  EXPECT_NEAR(r.moves[5].programmed[4], 10 * kRad, 1e-12) << "180 degrees on, either way";
+  EXPECT_NEAR(r.moves[7].programmed[4], -15 * kRad, 1e-12);
+  WorkpieceView view(test::skew_machine(), {10, -5, -400});
+  const AxisValues& q = r.moves[8].target;
+  EXPECT_LT((view.cutter({q[0], q[1], q[2], q[3], q[4]}, 85).tip_mm - Vec3(1, 2, 30)).norm(), 1e-10);
+  EXPECT_DOUBLE_EQ(r.moves[9].seconds, 1);
+
+  const auto refused = [](const std::string& block, const std::string& rule) {
+    expect_refused("G54\n" + block + "\nM30\n", rule, 2, ReaderDialect::kSiemens);
+  };
+  refused("G1 X1", "feed not given");
+  refused("G0 X1 X2", "named twice");
+  refused("G0 C=DC(400)", "DC takes");
+  refused("G0 X1Y2", "blanks");
+  refused("G0 X1e5", "blanks");
+  refused("G55 G54", "one group");
+  refused("G41", "G41 is not known");
+  refused("M128", "M code");
+  refused("R1=5", "blanks");
+  refused("CYCLE832(0.1", "')'");
+  refused("T9", "tool table");
+  refused("G4", "seconds");
+  refused("D2", "cutting edges");
+  expect_refused("T1 M6\nTRAORI\nSUPA G0 Z0 D0\nM30\n", "TRAFOOF", 3, ReaderDialect::kSiemens);
+  expect_refused("T1 M6\nTRAORI\nG0 B10\nM30\n", "ORIAXES", 3, ReaderDialect::kSiemens);
+  expect_refused("G93 G1 X1 F60\nX2\nM30\n", "F is missing", 2, ReaderDialect::kSiemens);
+  expect_refused("G0 X1\n", "ends without", 1, ReaderDialect::kSiemens);
+}
+
 TEST(ProgramReader, RefusesWhatItCannotObeyWithLineAndRule) {
   expect_refused("G21\nG1 X1\nM2\n", "feed", 2);
   expect_refused("G93 G1 X1 F1\nX2\nM2\n", "F is missing", 2);
@@ -220,10 +307,16 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       "IX+1 B+5\n"
       "7 CALL LBL 1 REP3\n8 M128\n9 L C+90 B-10\n10 M129\n11 CYCL DEF 7.0\n12 CYCL DEF 7.1 X+5\n13 CYCL DEF 247 "
       "~\nQ339=1\n14 END PGM A MM\n";
+  const std::string iso =
+      "%A G71 *\nN1 G30 G17 X-1 Y-1 Z+0 *\nN2 T1 G17 S5000 DL-2 *\nN3 G247 Q339=+1 *\nN4 G62 T0.002 P01 0 P02 0.02 *\nN5 G01 X+1 "
+      "Y-2 F500 M3 *\nN6 G02 X-1 Y-2 I+0 J-2 *\nN7 M128 *\nN8 G01 C+90 B-10 *\nN9 M129 *\nN10 M30 *\nN99999999 %A G71 *\n";
+  const std::string siemens =
+      "; %_N_A_MPF\nTRAFOOF\nG17 G40 G71 G90 G94 G54\nSUPA G0 Z0 D0\nT1 M6\nS5000 M3\nCYCLE832(0.002,_ORI_FINISH,0.02)\nD1\nG1 X=1 "
+      "Y2 F500\nG2 X3 I1 J0\nTRAORI\nORIWKS ORIAXES\nG1 B10 C=DC(20)\nTRAFOOF\nG93 X1 F10\nM30\n";
   std::mt19937 random(7);
   const std::string letters = "GMXYZBCFIJKLOPQRST#[]<>()%/*+-.=0123456789 \n\t";
   for (int run = 0; run < 3000; ++run) {
-    std::string text = run % 3 == 0 ? conversational : seed;
+    std::string text = run % 5 == 0 ? conversational : run % 5 == 1 ? iso : run % 5 == 2 ? siemens : seed;
     for (unsigned n = random() % 6 + 1; n > 0; --n) {
       const std::size_t at = random() % text.size();
       switch (random() % 3) {
@@ -239,7 +332,8 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       }
       if (text.empty()) text = "X";
     }
-    for (const ReaderDialect dialect : {ReaderDialect::kLinuxCnc, ReaderDialect::kFanuc, ReaderDialect::kHeidenhain}) {
+    for (const ReaderDialect dialect : {ReaderDialect::kLinuxCnc, ReaderDialect::kFanuc, ReaderDialect::kHeidenhain,
+                                        ReaderDialect::kHeidenhainIso, ReaderDialect::kSiemens}) {
       const Reading r = read(text, dialect, 500);
       for (const ProgramStep& step : r.moves) {
         for (const double q : step.target) ASSERT_TRUE(std::isfinite(q)) << run;

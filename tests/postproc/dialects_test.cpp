@@ -283,14 +283,21 @@ TEST(WholeProgram, ChangesToolsBetweenPasses) {
   }
 }
 
+// Fixed and, where the machine can, turning in the cut; with the control's own kinematics where it has them.
 TEST(Dialects, EveryMachineFileGetsAProgram) {
   for (const auto& entry :
        std::filesystem::directory_iterator(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines")) {
     const MachineModel machine = read_machine(entry.path());
-    ToolPath path = test::fixed_rows(0, 0, 2, 9);
-    path.spindle_rpm = std::min(path.spindle_rpm, machine.max_spindle_rpm);
-    const Made made = make(machine, work_on_table(machine, {12, -17, 30}, 54), path, with_decimals(4));
-    EXPECT_GT(made.program.blocks, 30u) << entry.path();
+    for (const bool turning : {false, true}) {
+      if (turning && !machine.has_rotary()) continue;
+      ToolPath path = turning ? test::lead_rows(15 * kDeg, 1, 5) : test::fixed_rows(0, 0, 2, 9);
+      path.spindle_rpm = std::min(path.spindle_rpm, machine.max_spindle_rpm);
+      ProgramOptions options = with_decimals(4);
+      const Made made = make(machine, work_on_table(machine, {12, -17, 30}, 54), path, options);
+      EXPECT_GT(made.program.blocks, 30u) << entry.path();
+      options.tcp = machine.has_tcp;
+      EXPECT_NO_THROW(make(machine, made.setup, path, options)) << entry.path();
+    }
   }
 }
 
