@@ -223,6 +223,10 @@ int stream(const Common& common, const std::string& what, std::string port, int 
     const Job job = job_of(folder);
     if (port.empty()) port = job.stream.port;
     if (baud == 0) baud = job.stream.baud;
+    if (job.controller.dialect != "grblhal") {
+      throw InputError("programs in the dialect " + job.controller.dialect + " are files for the control's own disk; copy " +
+                       folder.file("program").string() + " to it (only grblHAL is fed line by line)");
+    }
     programs = folder.programs();
     if (programs.empty()) throw InputError("no program in " + folder.file("program").string() + "; make them with: lightmill post " + what);
     if (const int code = allowed_to_mill(folder); code != kExitDone) return code;

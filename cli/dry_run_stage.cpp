@@ -77,7 +77,11 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
                                            shop.work_offset).origin_mm;
   shop.pitch_um = job.dry_run.pitch_um;
   shop.time_factor = job.dry_run.time_factor;
-  const SimulationOutcome outcome = simulate_programs(shop, programs, folder.file("dry_run"), monitor.part(0, 0.8));
+  // grblHAL is fed over a wire; the other controls run files.
+  const SimulationOutcome outcome =
+      job.controller.dialect == "grblhal"
+          ? simulate_programs(shop, programs, folder.file("dry_run"), monitor.part(0, 0.8))
+          : run_program_files(shop, job.controller.dialect, programs, folder.file("dry_run"), monitor.part(0, 0.8));
   faults.insert(faults.end(), outcome.faults.begin(), outcome.faults.end());
 
   // What is left of the blank, against the very surface that was to be cut.

@@ -12,6 +12,7 @@
 #include "design/core/text.h"
 #include "machine/connection.h"
 #include "machine/program_lines.h"
+#include "machine/program_run.h"
 #include "machine/pseudo_terminal.h"
 #include "machine/simulated_machine.h"
 
@@ -244,6 +245,39 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
                     ", the programs' is " + program_digest(all) + "; check the line and stream again";
     outcome.faults.push_back(fault);
   }
+  return outcome;
+}
+
+SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string& dialect, const std::vector<fs::path>& programs,
+                                    const fs::path& out, const Monitor& monitor) {
+  std::error_code error;
+  fs::create_directories(out, error);
+  if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
+  for (const char* stale : {"machined.tif", "machined_peaks.tif", "result.json"}) fs::remove(out / stale, error);
+  const MachineModel machine = read_machine(shop.machine_file);
+  OperatorSetup setup;
+  for (const auto& file : shop.cutter_files) setup.cutters.push_back(read_cutter(file));
+  setup.blank = shop.blank;
+  setup.workpiece_origin_mm = shop.workpiece_origin_mm;
+  setup.work_offset = shop.work_offset;
+  StockOptions stock;
+  stock.pitch_mm = shop.pitch_um / 1000;
+  std::vector<ProgramFile> files;
+  SimulationOutcome outcome;
+  for (const auto& program : programs) {
+    files.push_back({program.filename().string(), read_whole(program)});
+    outcome.bytes_received += static_cast<long>(files.back().text.size());
+  }
+  ProgramRun run = run_programs(machine, reader_dialect(dialect), setup, files, stock, monitor);
+  write_machined(out / "machined.tif", run.surface);
+  outcome.faults = std::move(run.faults);
+  outcome.lines = run.blocks;
+  outcome.machine_minutes = run.machine_seconds / 60;
+  outcome.removed_mm3 = run.surface.removed_mm3;
+  outcome.digest_matches = true;  // the very files
+  json record = {{"lines", run.blocks}, {"machine_seconds", run.machine_seconds}, {"removed_mm3", run.surface.removed_mm3}, {"faults", json::array()}};
+  for (const Fault& fault : outcome.faults) record["faults"].push_back(to_json(fault));
+  write_whole(out / "result.json", record.dump(1) + "\n");
   return outcome;
 }
 

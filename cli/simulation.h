@@ -55,6 +55,11 @@ void serve_machine(const SimulatedShop& shop, const std::filesystem::path& link,
 SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector<std::filesystem::path>& programs,
                                     const std::filesystem::path& out, const Monitor& monitor);
 
+/// The same for a control that runs files: no wire, the machine's reader of that dialect and the stock in this process.
+SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string& dialect,
+                                    const std::vector<std::filesystem::path>& programs, const std::filesystem::path& out,
+                                    const Monitor& monitor);
+
 /// "done", "controller error", ...
 std::string stream_end_name(StreamEnd end);
 

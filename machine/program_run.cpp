@@ -1,0 +1,201 @@
+#include "machine/program_run.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "design/core/text.h"
+#include "machine/detail/stock_worker.h"
+#include "machine/kinematics.h"
+
+namespace lightmill {
+namespace {
+
+constexpr double kLimitSlack = 1e-6;  // of a last decimal
+constexpr double kDegreesPerRad = 180 / kPi;
+constexpr long kStepsPerReport = 4096;
+
+// Thrown through the reader where the machine stops.
+struct Stopped {};
+
+JointPosition position(const AxisValues& q) {
+  return {q[0], q[1], q[2], q[3], q[4]};
+}
+
+class Runner {
+ public:
+  Runner(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup, const StockOptions& options)
+      : machine_(machine),
+        dialect_(dialect),
+        setup_(setup),
+        view_(machine, setup.workpiece_origin_mm),
+        stock_(setup.blank, options) {
+    at_[2] = machine.retract_z_mm;
+    const Vec3& zero = setup.workpiece_origin_mm;
+    reader_.offsets[static_cast<std::size_t>(setup.work_offset - 54)] = {zero.x(), zero.y(), zero.z(), 0, 0};
+    for (const Cutter& cutter : setup.cutters) reader_.tool_length_mm[cutter.number] = cutter.length_mm;
+  }
+
+  /// False if the machine has stopped.
+  bool run(const ProgramFile& program, const Monitor& monitor) {
+    program_ = program.name;
+    stock_.begin_program(program.name);
+    reader_.start = at_;
+    const auto lines = static_cast<double>(std::count(program.text.begin(), program.text.end(), '\n') + 1);
+    long steps = 0;
+    try {
+      const ReadResult read = read_program(program.text, dialect_, machine_, reader_, [&](const ProgramStep& step) {
+        if (++steps % kStepsPerReport == 0)
+          monitor.report("running " + program.name, static_cast<double>(step.line) / lines);
+        perform(step);
+      });
+      result_.blocks += read.blocks;
+      if (read.error) {
+        add_fault("error", read.error->line, "column " + std::to_string(read.error->column) + ": " + read.error->rule);
+      } else if (!read.ended) {
+        add_fault("no_program_end", static_cast<long>(lines),
+                  "the program does not end itself; write or copy it again");
+      }
+      return !read.error && read.ended;
+    } catch (const Stopped&) {
+      return false;
+    }
+  }
+
+  ProgramRun finish() {
+    stock_.finish();
+    result_.faults.insert(result_.faults.end(), stock_.faults().begin(), stock_.faults().end());
+    result_.surface = stock_.stock().surface();
+    return std::move(result_);
+  }
+
+ private:
+  Fault& add_fault(std::string kind, long line, std::string message) {
+    Fault fault;
+    fault.kind = std::move(kind);
+    fault.program = program_;
+    fault.line = line;
+    fault.message = std::move(message);
+    fault.place_mm = view_.cutter(position(at_), tool_ ? tool_->length_mm : 0).tip_mm;
+    result_.faults.push_back(std::move(fault));
+    return result_.faults.back();
+  }
+
+  void perform(const ProgramStep& step) {
+    switch (step.kind) {
+      case ProgramStep::kMove:
+        return move(step);
+      case ProgramStep::kDwell:
+        result_.machine_seconds += step.seconds;
+        return;
+      case ProgramStep::kSpindle:
+        if (step.number == 3 && !(cutting_ && rpm_ > 0))
+          at_speed_s_ = result_.machine_seconds + machine_.spindle_start_s;
+        cutting_ = step.number == 3;  // cutters are right-handed
+        rpm_ = step.number == 5 ? 0 : step.rpm;
+        return;
+      case ProgramStep::kChangeTool:
+        change_tool(step);
+        return;
+      case ProgramStep::kEnd:
+        cutting_ = false;
+        rpm_ = 0;
+        return;
+      case ProgramStep::kCoolant:
+      case ProgramStep::kPause:
+        return;
+    }
+  }
+
+  void change_tool(const ProgramStep& step) {
+    cutting_ = false;
+    rpm_ = 0;
+    const auto found = std::find_if(setup_.cutters.begin(), setup_.cutters.end(),
+                                    [&](const Cutter& cutter) { return cutter.number == step.number; });
+    tool_ = found == setup_.cutters.end() ? nullptr : &*found;
+    if (tool_ != nullptr) stock_.set_cutter(*tool_);
+  }
+
+  void move(const ProgramStep& step) {
+    Motion motion;
+    motion.line = step.line;
+    motion.from = position(at_);
+    motion.to = position(step.target);
+    motion.rapid = step.rapid;
+    motion.seconds = std::max(step.seconds, least_seconds(step.target));
+    motion.spindle_on = cutting_ && rpm_ > 0 && result_.machine_seconds >= at_speed_s_ - 1e-9;
+    motion.spindle_rpm = rpm_;
+    motion.tool = tool_ != nullptr ? tool_->number : 0;
+    within_limits(step);
+    if (tool_ == nullptr && !step.rapid && !told_no_tool_) {
+      told_no_tool_ = true;
+      add_fault("no_tool", step.line, "a feed move without a tool in the spindle");
+    }
+    result_.machine_seconds += motion.seconds;
+    at_ = step.target;
+    if (tool_ == nullptr) return;
+    pieces_.clear();
+    view_.sweep(motion, tool_->length_mm, {}, pieces_);
+    stock_.move(pieces_);
+  }
+
+  [[nodiscard]] double least_seconds(const AxisValues& to) const {
+    const std::array<double, 5> speeds{machine_.x.max_speed_mm_per_s, machine_.y.max_speed_mm_per_s,
+                                       machine_.z.max_speed_mm_per_s, machine_.outer.max_speed_rad_per_s,
+                                       machine_.inner.max_speed_rad_per_s};
+    double seconds = 0;
+    for (std::size_t i = 0; i < 5; ++i) {
+      if (speeds[i] > 0) seconds = std::max(seconds, std::abs(to[i] - at_[i]) / speeds[i]);
+    }
+    return seconds;
+  }
+
+  void within_limits(const ProgramStep& step) {
+    const auto check = [&](char letter, double value, double least, double most, double unit, const char* name) {
+      // An endless axis has no limits; words of a last decimal may stand just outside.
+      const double slack = unit == 1 ? 1e-3 : kLimitSlack;
+      if (value >= least - slack && value <= most + slack) return;
+      const double amount = value < least ? least - value : value - most;
+      add_fault("limit", step.line,
+                std::string(1, letter) + " would pass its limit " + compact((value < least ? least : most) * unit, 3) +
+                    " " + name + " by " + compact(amount * unit, 3) + " " + name)
+          .amount_mm = amount;
+      throw Stopped{};
+    };
+    const AxisValues& q = step.target;
+    check('X', q[0], machine_.x.min_mm, machine_.x.max_mm, 1, "mm");
+    check('Y', q[1], machine_.y.min_mm, machine_.y.max_mm, 1, "mm");
+    check('Z', q[2], machine_.z.min_mm, machine_.z.max_mm, 1, "mm");
+    check(machine_.outer.letter, q[3], machine_.outer.min_rad, machine_.outer.max_rad, kDegreesPerRad, "deg");
+    check(machine_.inner.letter, q[4], machine_.inner.min_rad, machine_.inner.max_rad, kDegreesPerRad, "deg");
+  }
+
+  const MachineModel& machine_;
+  ReaderDialect dialect_;
+  const OperatorSetup& setup_;
+  WorkpieceView view_;
+  detail::StockWorker stock_;
+  ReaderSetup reader_;
+  ProgramRun result_;
+  std::string program_;
+  AxisValues at_{};
+  const Cutter* tool_ = nullptr;
+  bool cutting_ = false, told_no_tool_ = false;
+  double rpm_ = 0, at_speed_s_ = 0;
+  std::vector<SweptMove> pieces_;
+};
+
+}  // namespace
+
+ProgramRun run_programs(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup,
+                        const std::vector<ProgramFile>& programs, const StockOptions& options, const Monitor& monitor) {
+  Runner runner(machine, dialect, setup, options);
+  for (std::size_t i = 0; i < programs.size(); ++i) {
+    const auto count = static_cast<double>(programs.size());
+    const auto index = static_cast<double>(i);
+    if (!runner.run(programs[i], monitor.part(index / count, (index + 1) / count))) break;
+  }
+  return runner.finish();
+}
+
+}  // namespace lightmill

@@ -1,0 +1,33 @@
+// Program files on the simulated machine: what a control that runs files would do with them, and what is left of the
+// blank.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "design/core/monitor.h"
+#include "machine/program_reader.h"
+#include "machine/simulated_machine.h"
+
+namespace lightmill {
+
+struct ProgramFile {
+  std::string name;
+  std::string text;
+};
+
+struct ProgramRun {
+  long blocks = 0;             ///< executed
+  double machine_seconds = 0;  ///< at the commanded feeds and the axes' speeds
+  std::vector<Fault> faults;   ///< of the control ("error", "limit", "no_tool", "no_program_end"), then of the stock
+  MachinedSurface surface;
+};
+
+/// One after the other, each from where the last has left the machine. The tool table holds the magazine's true lengths
+/// and one work offset the workpiece's true place. Stops at the first thing the control does not understand or that
+/// leaves the travels. Cutters cut when M3 has had `spindle_start_s` to reach its speed.
+ProgramRun run_programs(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup,
+                        const std::vector<ProgramFile>& programs, const StockOptions& options = {},
+                        const Monitor& monitor = {});
+
+}  // namespace lightmill

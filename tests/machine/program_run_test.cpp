@@ -1,0 +1,107 @@
+#include "machine/program_run.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "postproc/program.h"
+#include "tests/postproc/support.h"
+
+namespace lightmill {
+namespace {
+
+struct Shop {
+  MachineModel machine;
+  OperatorSetup setup;
+  StockOptions stock;
+  WorkSetup work;
+};
+
+Shop shop_for(const std::string& controller) {
+  Shop shop;
+  shop.machine = test::hostile_machine();
+  shop.machine.controller = controller;
+  shop.machine.has_tcp = controller != "grblhal";
+  shop.work = work_on_table(shop.machine, {23, -17, 30}, 54);
+  shop.setup.cutters = {test::ball()};
+  shop.setup.blank.size_mm = {36, 36};
+  shop.setup.blank.height_mm = 15;
+  shop.setup.workpiece_origin_mm = shop.work.origin_mm;
+  shop.stock.pitch_mm = 0.25;
+  return shop;
+}
+
+// Rows over a wavy surface, entered from above; fixed or leaning along the pass.
+ToolPath rows(bool turning) {
+  return turning ? test::lead_rows(20 * test::kDeg, 3, 6) : test::fixed_rows(15 * test::kDeg, 70 * test::kDeg, 3, 12);
+}
+
+ProgramRun run(const Shop& shop, const ToolPath& path, bool tcp, const std::string& find = "",
+               const std::string& replace = "") {
+  MotionOptions motion;
+  motion.tcp = tcp;
+  ProgramOptions options;
+  options.decimals = 4;
+  options.tcp = tcp;
+  Program program = write_program(shop.machine, shop.work, plan_motion(shop.machine, shop.work, path, motion), options);
+  if (!find.empty()) {
+    const std::size_t at = program.text.find(find);
+    EXPECT_NE(at, std::string::npos) << find;
+    program.text.replace(at, find.size(), replace);
+  }
+  return run_programs(shop.machine, reader_dialect(shop.machine.controller), shop.setup,
+                      {{program.file_name, program.text}}, shop.stock);
+}
+
+// Every control that runs files mills the same part, by its own kinematics or by the post's.
+TEST(RunPrograms, EveryDialectLeavesTheSameSurface) {
+  for (const bool turning : {false, true}) {
+    MachinedSurface first;
+    for (const char* controller : {"linuxcnc", "fanuc", "siemens", "heidenhain", "heidenhain_iso"}) {
+      for (const bool tcp : {false, true}) {
+        if (std::string(controller) == "heidenhain_iso" && turning && !tcp) continue;
+        const ProgramRun result = run(shop_for(controller), rows(turning), tcp);
+        for (const Fault& fault : result.faults) {
+          ADD_FAILURE() << controller << " line " << fault.line << ": " << fault.kind << ", " << fault.message;
+        }
+        EXPECT_GT(result.surface.removed_mm3, 50);
+        EXPECT_GT(result.machine_seconds, 8) << "the spindle's start alone";
+        if (first.heights_mm.empty()) {
+          first = result.surface;
+          continue;
+        }
+        ASSERT_EQ(result.surface.heights_mm.values.size(), first.heights_mm.values.size());
+        // A tip tolerance of 0.2 um either way and last decimals, seen on slopes.
+        const Grid<float>&before = first.heights_mm, &after = result.surface.heights_mm;
+        double worst = 0;
+        for (int j = 0; j + 1 < before.height; ++j) {
+          for (int i = 0; i + 1 < before.width; ++i) {
+            const double rise = std::hypot(before.at(i + 1, j) - before.at(i, j), before.at(i, j + 1) - before.at(i, j));
+            const double off = std::abs(after.at(i, j) - before.at(i, j));
+            worst = std::max(worst, off / (1 + rise / shop_for(controller).stock.pitch_mm));
+          }
+        }
+        EXPECT_LT(worst, 6e-4) << controller << (tcp ? " tcp" : "") << (turning ? " turning" : " fixed");
+      }
+    }
+  }
+}
+
+TEST(RunPrograms, FaultsAreFoundInTheText) {
+  const Shop shop = shop_for("heidenhain");
+  const auto kind = [](const ProgramRun& result) {
+    return result.faults.empty() ? std::string() : result.faults.front().kind;
+  };
+  EXPECT_EQ(kind(run(shop, rows(true), true)), "");
+  EXPECT_EQ(kind(run(shop, rows(true), true, " DL-2", "")), "") << "two millimetres up: less is cut, nothing is hit";
+  EXPECT_EQ(kind(run(shop, rows(true), true, "DWELL 8", "DWELL 1")), "spindle_off_in_cut");
+  const ProgramRun lost = run(shop, rows(true), true, "M129", "M127 X");
+  EXPECT_EQ(kind(lost), "error");
+  EXPECT_GT(lost.faults.front().line, 0);
+  EXPECT_EQ(lost.faults.front().program, "30_FINISH.H");
+  EXPECT_EQ(kind(run(shop, rows(false), false, "TOOL CALL 3", "TOOL CALL 4")), "error") << "not in the table";
+  EXPECT_EQ(kind(run(shop, rows(false), false, "L X-240", "L X-340")), "limit");
+}
+
+}  // namespace
+}  // namespace lightmill
