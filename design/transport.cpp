@@ -424,7 +424,12 @@ void check(const SourceLight& source, const TargetLight& target, const Transport
   if (options.samples < 16)
     throw InputError("transport.samples = " + std::to_string(options.samples) + ": must be at least 16");
   if (!(options.point_radius_mm > 0)) throw InputError("transport: point_radius_mm must be above 0");
-  if (std::abs(target.total() - 1) > 1e-9) throw InputError("transport: the target light must be normalised");
+  if (!(std::abs(target.total() - 1) <= 1e-9)) throw InputError("transport: the target light must be normalised");
+  const auto below_zero = [](double flux) { return flux < 0; };
+  bool negative = std::ranges::any_of(target.area_flux.values, below_zero);
+  for (const auto& curve : target.curves) negative |= std::ranges::any_of(curve.density_per_mm, below_zero);
+  for (const auto& point : target.points) negative |= point.flux < 0;
+  if (negative) throw InputError("transport: the target light must be 0 or above everywhere");
 }
 
 }  // namespace

@@ -70,6 +70,7 @@ struct Portion {
 /// A raster of the target that shares no code with the solver: each pixel in `fine` x `fine` portions; curves and
 /// points as the strips and disks of half width `radius` that README.md, "Transport", says they are.
 inline std::vector<Portion> portions_of(const TargetLight& target, int fine, double radius) {
+  EXPECT_TRUE(target.area_borders.empty()) << "filled shapes are not rastered here";
   std::vector<Portion> portions;
   int part = 0;
   if (!target.area_flux.empty()) {

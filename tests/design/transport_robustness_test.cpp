@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "design/core/errors.h"
+#include "design/detail/fills.h"
 #include "design/transport.h"
 
 namespace lightmill {
@@ -81,6 +82,18 @@ TargetLight any_target() {
     for (double& flux : target.area_flux.values)
       flux = one_of(std::array{1.0, 0.0, 0.1, 1e-4, 50.0}) / (width * height);
   }
+  detail::FilledShapes shapes;
+  const int fills = *rc::gen::inRange(0, 3);
+  for (int k = 0; k < fills; ++k) {
+    detail::Fill fill;
+    fill.shape.rule = *rc::gen::element(detail::FillRule::kNonZero, detail::FillRule::kEvenOdd);
+    fill.shape.outlines_mm.resize(1);
+    const int corners = *rc::gen::inRange(3, 7);
+    for (int v = 0; v < corners; ++v) fill.shape.outlines_mm[0].push_back(any_place(target.extent));
+    fill.light = one_of(std::array{1.0, 0.0, 0.05}) / target.extent.size().prod();
+    shapes.fills.push_back(fill);
+  }
+  if (fills > 0) target.area_borders = detail::borders_of(shapes, target.extent);
   RC_PRE(target.total() > 0);
   target.normalise();
   return target;
@@ -95,6 +108,13 @@ Vec2 centre_of(const TargetLight& target) {
       const Vec2 at = Vec2(column + 0.5, row + 0.5).cwiseQuotient(Vec2(area.width, area.height));
       sum += area.at(column, row) * (target.extent.min + target.extent.size().cwiseProduct(at));
     }
+  }
+  for (const auto& border : target.area_borders) {
+    // Of the light between the border and x = 0.
+    const Vec2 &a = border.low, &b = border.high;
+    const double rise = border.jump * (b.y() - a.y());
+    sum.x() -= rise * (a.x() * a.x() + a.x() * b.x() + b.x() * b.x()) / 6;
+    sum.y() -= rise * (2 * a.x() * a.y() + a.x() * b.y() + b.x() * a.y() + 2 * b.x() * b.y()) / 6;
   }
   for (const auto& curve : target.curves) {
     for (std::size_t k = 0; k + 1 < curve.vertices_mm.size(); ++k) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <random>
 
@@ -223,6 +224,10 @@ TEST(Transport, SaysWhatIsWrong) {
   target.points = {{{0, 0}, 1}};
   EXPECT_THROW((void)solve_transport(SourceLight{}, target, samples(3)), InputError);
   target.points[0].flux = 2;
+  EXPECT_THROW((void)solve_transport(SourceLight{}, target, samples(1024)), InputError);
+  target.points[0].flux = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW((void)solve_transport(SourceLight{}, target, samples(1024)), InputError);
+  target.points = {{{0, 0}, 1.5}, {{1, 0}, -0.5}};
   EXPECT_THROW((void)solve_transport(SourceLight{}, target, samples(1024)), InputError);
   TransportOptions hasty = samples(1024);
   hasty.max_iterations = 2;
