@@ -9,9 +9,10 @@ namespace lightmill::detail {
 
 namespace {
 
-// What a plane sweep may cost: steps are edges passed on a level, a few nanoseconds each.
+// What a plane sweep may cost, some ten seconds in all.
 constexpr std::size_t kMostCrossings = 5000000;
-constexpr std::size_t kMostSteps = 1000000000;
+constexpr std::size_t kMostPairs = 1000000000;  // of edges tried for a crossing
+constexpr std::size_t kMostSteps = 300000000;   // edges passed on all levels together
 
 /// An edge, upwards.
 struct Edge {
@@ -59,12 +60,12 @@ void add_edge(std::vector<Edge>& edges, const Vec2& p, const Vec2& q, int region
 /// Heights where edges cross; edges are in the order of their lower ends.
 void add_crossings(const std::vector<Edge>& edges, std::vector<double>& levels) {
   const std::size_t ends = levels.size();
-  std::size_t steps = 0;
+  std::size_t pairs = 0;
   std::vector<std::size_t> active;
   for (std::size_t e = 0; e < edges.size(); ++e) {
     const Edge& edge = edges[e];
     std::erase_if(active, [&](std::size_t k) { return edges[k].high.y() <= edge.low.y(); });
-    steps += active.size();
+    pairs += active.size();
     for (const std::size_t k : active) {
       const Edge& other = edges[k];
       if (std::max(edge.low.x(), edge.high.x()) < std::min(other.low.x(), other.high.x()) ||
@@ -78,7 +79,7 @@ void add_crossings(const std::vector<Edge>& edges, std::vector<double>& levels) 
       if ((before < 0 && after > 0) || (before > 0 && after < 0))
         levels.push_back(y0 + (y1 - y0) * before / (before - after));
     }
-    if (steps > kMostSteps || levels.size() > ends + kMostCrossings)
+    if (pairs > kMostPairs || levels.size() > ends + kMostCrossings)
       throw InputError("its fills have too many edges that cross or overlap; simplify the paths");
     active.push_back(e);
   }

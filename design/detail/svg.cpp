@@ -439,6 +439,12 @@ class Reader {
     }
     Geom::PathVector paths;
     if (!shape(node, name, style, place.view, paths)) return;
+    for (const auto& child : node.children()) {
+      if (child.type() != pugi::node_element) continue;
+      const std::string inner = local_name(child);
+      if (inner != "title" && inner != "desc" && inner != "metadata" && inner.find(':') == std::string::npos)
+        warn(child, "<" + inner + "> in <" + name + "> is not understood and left out");
+    }
     draw(node, style, place, paths);
   }
 

@@ -290,6 +290,7 @@ TEST_F(SvgTest, NothingIsDroppedWithoutAWord) {
   EXPECT_THAT(first("<image href=\"a.png\"/>"), HasSubstr("target.image"));
   EXPECT_THAT(first("<foreignObject/>"), HasSubstr("<foreignObject>"));
   EXPECT_THAT(first("<animate/>"), HasSubstr("<animate>"));
+  EXPECT_THAT(first("<rect width=\"1\" height=\"1\"><title>t</title><animate/></rect>"), HasSubstr("<animate> in <rect>"));
   EXPECT_THAT(first("<foo:bar xmlns:foo=\"http://example.org/foo\"/>"), HasSubstr("<foo:bar> is not SVG"));
   EXPECT_THAT(first("<pattern id=\"p\"/><rect width=\"1\" height=\"1\" fill=\"url(#p)\"/>"), HasSubstr("paint \"url(#p)\" is not understood; taken as none"));
   EXPECT_THAT(first("<rect width=\"1\" height=\"1\" fill-rule=\"sometimes\"/>"), HasSubstr("fill-rule \"sometimes\""));
