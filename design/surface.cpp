@@ -6,12 +6,14 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <unordered_map>
 #include <utility>
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
 #include "design/detail/compound_energy.h"
+#include "design/detail/creases.h"
 #include "design/detail/fresnel.h"
 #include "design/detail/height_field.h"
 #include "design/detail/map_interpolation.h"
@@ -25,6 +27,7 @@ namespace lightmill {
 namespace {
 
 using detail::CompoundEnergy;
+using detail::Creases;
 using detail::Freedom;
 using detail::HeightIntegrator;
 using detail::OneRing;
@@ -32,6 +35,7 @@ using detail::VertexLight;
 
 constexpr int kFirstGuessTurns = 60;           // of Fresnel mapping and integration; each gains about a digit
 constexpr double kFirstGuessTolerance = 1e-9;  // mm
+constexpr double kRoughTolerance = 1e-3;       // mm: enough to see which ray meets a vertex
 
 /// The target normals move on between turns, so that none needs to be driven to its end.
 constexpr int kSlidingSteps = 5;
@@ -216,25 +220,42 @@ Outline outline_freedom(const std::vector<OneRing>& rings, const std::vector<Vec
   return outline;
 }
 
-/// What the one-sided, angle-weighted normal of a border vertex shall be: the same mean of its triangles' wanted
-/// normals. Inside, rings surround their vertex, and its own normal is wanted.
+/// What the angle-weighted normal of a vertex shall be where its ring is one-sided, on the border and at creases: the same
+/// mean of its triangles' wanted normals. Elsewhere rings surround their vertex, and its own normal is wanted.
 std::vector<Vec3> ring_targets(const std::vector<Vec3>& wanted, const std::vector<Vec3>& positions,
-                               const std::vector<OneRing>& rings) {
+                               const std::vector<OneRing>& rings, const Creases& creases) {
   std::vector<Vec3> result = wanted;
   for (std::size_t v = 0; v < rings.size(); ++v) {
     const OneRing& ring = rings[v];
-    if (ring.closed) continue;
+    if (ring.closed && creases.crossed[v] == 0) continue;
     Vec3 sum = Vec3::Zero();
+    bool torn = true;
     for (int k = 0; k < ring.triangle_count(); ++k) {
+      if (!detail::has_say(creases.crossed[v], ring.triangle_count(), k)) continue;
       const int a = ring.neighbours[k];
-      const int b = ring.neighbours[k + 1];
+      const int b = ring.neighbours[(k + 1) % ring.neighbours.size()];
       const Vec3 u = positions[a] - positions[v];
       const Vec3 w = positions[b] - positions[v];
       sum += std::atan2(u.cross(w).norm(), u.dot(w)) * (wanted[v] + wanted[a] + wanted[b]).normalized();
+      torn &= (creases.crossed[v] >> (k % 32) & 1) != 0;
     }
-    if (sum.norm() > 0) result[v] = sum.normalized();
+    if (!torn && sum.norm() > 0) result[v] = sum.normalized();
   }
   return result;
+}
+
+std::vector<Vec3> ring_normals(const std::vector<Vec3>& positions, const std::vector<OneRing>& rings,
+                               const Creases& creases) {
+  std::vector<Vec3> normals(positions.size());
+  parallel_blocks(positions.size(), 4096, [&](std::size_t begin, std::size_t end) {
+    std::vector<Vec3> around;
+    for (std::size_t v = begin; v < end; ++v) {
+      around.clear();
+      for (int n : rings[v].neighbours) around.push_back(positions[n]);
+      normals[v] = detail::ring_normal(positions[v], around, rings[v].closed, creases.crossed[v], nullptr);
+    }
+  });
+  return normals;
 }
 
 /// Lowers or lifts the surface so that its lowest vertex is at `floor_mm` (DESIGN.md, "Height gauge and d_TH").
@@ -254,15 +275,22 @@ void grow(std::vector<char>& marked, const std::vector<OneRing>& rings, int by) 
 }
 
 /// Vertices slide where it pays: where the heights alone leave a normal so wrong that sliding by kWorthwhile of an edge
-/// would cost less, and kSlidingRings rings around. Around these heights give way; elsewhere the light would gain nothing.
+/// would cost less, and much more wrong than most (wanted normals are never quite those of a surface), and kSlidingRings rings
+/// around. Around these heights give way; elsewhere the light would gain nothing.
 std::vector<Freedom> near_creases(const CompoundEnergy& energy, const std::vector<Vec3>& positions,
                                   const std::vector<Freedom>& most_freedom) {
   constexpr double kWorthwhile = 0.1;
+  constexpr double kMuchMore = 5;
   constexpr int kSlidingRings = 2;
   constexpr int kHeightRings = 4;
+  const std::vector<Vec3> normals = ring_normals(positions, energy.rings, energy.creases);
+  std::vector<double> errors;
+  for (std::size_t v = 0; v < positions.size(); ++v) errors.push_back((normals[v] - energy.target_normals[v]).norm());
+  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
+  std::nth_element(errors.begin(), middle, errors.end());
   const double least =
-      std::sqrt(energy.weights.direction / energy.weights.integration) * kWorthwhile * energy.slope_scale;
-  const std::vector<Vec3> normals = angle_weighted_normals(positions, energy.triangles);
+      std::max(std::sqrt(energy.weights.direction / energy.weights.integration) * kWorthwhile * energy.slope_scale,
+               kMuchMore * *middle);
   std::vector<char> near(positions.size(), 0);
   for (std::size_t v = 0; v < positions.size(); ++v) near[v] = (normals[v] - energy.target_normals[v]).norm() > least;
   grow(near, energy.rings, kSlidingRings);
@@ -308,31 +336,45 @@ int hold_back(const std::vector<std::array<int, 3>>& triangles, const std::vecto
   return static_cast<int>(std::count(held.begin(), held.end(), 1));
 }
 
-/// Normals to trace and mill by: angle-weighted inside; on the border, where that is one-sided, the normal of the
-/// parabola that fits the vertices around best.
-std::vector<Vec3> surface_normals(const SurfaceMesh& mesh, const std::vector<OneRing>& rings) {
-  std::vector<Vec3> normals = angle_weighted_normals(mesh.vertices, mesh.triangles);
-  for (std::size_t v = 0; v < rings.size(); ++v) {
-    if (rings[v].closed) continue;
-    std::vector<int> around = rings[v].neighbours;
-    for (int n : rings[v].neighbours)
-      around.insert(around.end(), rings[n].neighbours.begin(), rings[n].neighbours.end());
-    std::sort(around.begin(), around.end());
-    around.erase(std::unique(around.begin(), around.end()), around.end());
-    std::erase(around, static_cast<int>(v));
-    Eigen::MatrixXd terms(around.size(), 5);
-    Eigen::VectorXd rises(around.size());
-    for (std::size_t k = 0; k < around.size(); ++k) {
-      const Vec3 d = mesh.vertices[around[k]] - mesh.vertices[v];
-      const double weight = 1 / (d.head<2>().squaredNorm() + 1e-12);
-      terms.row(k) << d.x(), d.y(), d.x() * d.x(), d.x() * d.y(), d.y() * d.y();
-      terms.row(k) *= weight;
-      rises[k] = weight * d.z();
+/// Normals to trace and mill by: angle-weighted inside; on the border and at creases, where that is one-sided, the normal of
+/// the parabola that fits the vertices around on the same side best, if they lie well around.
+std::vector<Vec3> surface_normals(const SurfaceMesh& mesh, const std::vector<OneRing>& rings, const Creases& creases) {
+  constexpr double kWellAround = 0.05;  // least over greatest spread
+  std::vector<Vec3> normals = ring_normals(mesh.vertices, rings, creases);
+  parallel_blocks(rings.size(), 4096, [&](std::size_t begin, std::size_t end) {
+    std::vector<int> around;
+    for (std::size_t v = begin; v < end; ++v) {
+      if (rings[v].closed && creases.crossed[v] == 0) continue;
+      const auto add_ring = [&](int of) {
+        for (int n : rings[of].neighbours) {
+          if (!creases.torn(of, n)) around.push_back(n);
+        }
+      };
+      around.clear();
+      add_ring(static_cast<int>(v));
+      for (std::size_t k = 0, first = around.size(); k < first; ++k) add_ring(around[k]);
+      std::sort(around.begin(), around.end());
+      around.erase(std::unique(around.begin(), around.end()), around.end());
+      std::erase(around, static_cast<int>(v));
+      Eigen::MatrixXd terms(around.size(), 5);
+      Eigen::VectorXd rises(around.size());
+      Eigen::Matrix2d spread = Eigen::Matrix2d::Zero();
+      for (std::size_t k = 0; k < around.size(); ++k) {
+        const Vec3 d = mesh.vertices[around[k]] - mesh.vertices[v];
+        const double weight = 1 / (d.head<2>().squaredNorm() + 1e-12);
+        terms.row(k) << d.x(), d.y(), d.x() * d.x(), d.x() * d.y(), d.y() * d.y();
+        terms.row(k) *= weight;
+        rises[k] = weight * d.z();
+        spread += d.head<2>() * d.head<2>().transpose();
+      }
+      constexpr std::size_t kFewest = 6;
+      if (around.size() < kFewest) continue;
+      const Vec2 spreads = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(spread).eigenvalues();
+      if (spreads[0] < kWellAround * spreads[1]) continue;
+      const Eigen::VectorXd fit = terms.colPivHouseholderQr().solve(rises);
+      if (fit.allFinite()) normals[v] = Vec3(-fit[0], -fit[1], 1).normalized();
     }
-    if (around.size() < 5) continue;
-    const Eigen::VectorXd fit = terms.colPivHouseholderQr().solve(rises);
-    if (fit.allFinite()) normals[v] = Vec3(-fit[0], -fit[1], 1).normalized();
-  }
+  });
   return normals;
 }
 
@@ -368,6 +410,7 @@ void check_options(const Lens& lens, const Receiver& receiver, const SurfaceOpti
 
 /// The rays through the vertices where they are, and where these shall go.
 struct Aim {
+  Creases creases;
   std::vector<VertexLight> light;
   std::vector<Vec3> directions;
   std::vector<Vec2> targets_mm;
@@ -402,7 +445,7 @@ int fill_unmapped(std::vector<VertexLight>& light, const std::vector<OneRing>& r
 
 /// Aims anew where rays have moved: heights change which slanted ray meets a vertex.
 void take_aim(const detail::LitBase& base, const TargetFunction& target, const std::vector<OneRing>& rings,
-              const std::vector<Vec3>& positions, Aim& aim) {
+              const std::vector<Vec3>& positions, bool may_crease, Aim& aim) {
   constexpr double kSamePlace = 1e-7;  // mm
   std::vector<VertexLight> light = base.at(positions);
   aim.unmapped = fill_unmapped(light, rings);
@@ -416,6 +459,11 @@ void take_aim(const detail::LitBase& base, const TargetFunction& target, const s
     if (aim.targets_mm.size() != places.size()) {
       throw InputError("surface: " + std::to_string(aim.targets_mm.size()) + " target points for " +
                        std::to_string(places.size()) + " vertices");
+    }
+    if (may_crease) {
+      aim.creases = detail::find_creases(rings, places, aim.targets_mm, target);
+    } else {
+      aim.creases.crossed.assign(rings.size(), 0);
     }
   }
   aim.directions.clear();
@@ -463,37 +511,46 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
   for (std::size_t v = 0; v < count; ++v) positions[v].z() += heights_at_start[v];
   const detail::LitBase base(lens, light, receiver, base_floor);
 
-  // First guess: heights only, Fresnel mapping and integration in turn until nothing moves.
-  monitor.report("first guess of the heights", 0.0);
-  const HeightIntegrator integrator(static_cast<int>(count), surface.mesh.triangles);
+  // First guess: heights only, Fresnel mapping and integration in turn until nothing moves. Then vertices near creases are
+  // drawn to them, and once more.
+  std::optional<HeightIntegrator> integrator(std::in_place, surface.entry_mm, surface.mesh.triangles);
+  const Outline outline = outline_freedom(rings, surface.entry_mm);
+  const bool may_crease = options.solver != SurfaceSolver::kHeightField;
   Aim aim;
-  for (int turn = 0; turn < kFirstGuessTurns; ++turn) {
-    monitor.check();
-    take_aim(base, target, rings, positions, aim);
-    const auto slopes =
-        detail::slopes_of(detail::fresnel_normals(positions, aim.directions, aim.targets_mm, lens, receiver));
-    const std::vector<double> heights = integrator.integrate(surface.entry_mm, slopes);
-    double change = 0;
-    for (std::size_t v = 0; v < count; ++v) {
-      const double z = lens.thickness_mm + heights[v];
-      change = std::max(change, std::abs(z - positions[v].z()));
-      positions[v].z() = z;
+  for (const bool drawn : {false, true}) {
+    monitor.report(drawn ? "heights between creases" : "first guess of the heights", drawn ? 0.05 : 0.0);
+    std::vector<Vec2> slopes;
+    for (int turn = 0; turn < kFirstGuessTurns; ++turn) {
+      monitor.check();
+      take_aim(base, target, rings, positions, may_crease, aim);
+      slopes = detail::slopes_of(detail::fresnel_normals(positions, aim.directions, aim.targets_mm, lens, receiver));
+      const std::vector<double> heights = integrator->integrate(slopes, aim.creases);
+      double change = 0;
+      for (std::size_t v = 0; v < count; ++v) {
+        const double z = lens.thickness_mm + heights[v];
+        change = std::max(change, std::abs(z - positions[v].z()));
+        positions[v].z() = z;
+      }
+      if (change < (drawn || !may_crease ? kFirstGuessTolerance : kRoughTolerance)) break;
     }
-    if (change < kFirstGuessTolerance) break;
+    if (drawn || aim.creases.shares.empty()) break;
+    surface.entry_mm = detail::drawn_to_creases(aim.creases, rings, surface.mesh.triangles, surface.entry_mm, slopes,
+                                                outline.sides);
+    for (std::size_t v = 0; v < count; ++v) positions[v].head<2>() = surface.entry_mm[v];
+    integrator.emplace(surface.entry_mm, surface.mesh.triangles, aim.creases);
   }
-  take_aim(base, target, rings, positions, aim);
+  take_aim(base, target, rings, positions, may_crease, aim);
   surface.targets_mm = aim.targets_mm;
   summary.unmapped_vertices = aim.unmapped;
 
   // The paper's energy, and Fresnel mapping again, in turn. From here on each vertex belongs to the ray that meets it now.
   const std::vector<Vec3> start = positions;
-  const Outline outline = outline_freedom(rings, surface.entry_mm);
   std::vector<Freedom> freedom;
   double edge_sum = 0;
-  for (const auto& [i, j] : integrator.edges()) edge_sum += (surface.entry_mm[j] - surface.entry_mm[i]).norm();
-  CompoundEnergy energy{surface.mesh.triangles, rings, start, aim.light, freedom, outline.sides, {}, {},
+  for (const auto& [i, j] : integrator->edges()) edge_sum += (surface.entry_mm[j] - surface.entry_mm[i]).norm();
+  CompoundEnergy energy{surface.mesh.triangles, rings, start, aim.light, freedom, aim.creases, outline.sides, {}, {},
                         options.weights};
-  energy.edge_mm = edge_sum / static_cast<double>(integrator.edges().size());
+  energy.edge_mm = edge_sum / static_cast<double>(integrator->edges().size());
   energy.slope_scale = lens.size_mm.maxCoeff() / ((lens.refractive_index - 1) * receiver.distance_mm);
   energy.floor_mm = lens.thickness_mm;
   double lens_area = 0;
@@ -508,27 +565,31 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
         monitor.part(0.1 + 0.9 * turn / options.outer_iterations, 0.1 + 0.9 * (turn + 1) / options.outer_iterations);
     const std::vector<Vec3> wanted =
         detail::fresnel_normals(positions, aim.directions, surface.targets_mm, lens, receiver);
-    energy.target_normals = ring_targets(wanted, positions, rings);
+    energy.target_normals = ring_targets(wanted, positions, rings, aim.creases);
     energy.target_slopes = detail::slopes_of(wanted);
     const std::vector<Vec3> before = positions;
     detail::MinimiserReport report;
     // The first turn brings the heights to rest. What is wrong then, only sliding can mend; it is damped, so that the
     // last turn brings the heights to rest again.
-    const bool may_slide = turn > 0 && turn + 1 < options.outer_iterations;
+    const bool may_slide = may_crease && turn > 0 && turn + 1 < options.outer_iterations;
     int sliding = 0;
     if (everywhere || may_slide) {
       freedom = everywhere ? outline.freedom : near_creases(energy, positions, outline.freedom);
       sliding = static_cast<int>(
           std::count_if(freedom.begin(), freedom.end(), [](Freedom f) { return f > Freedom::kHeight; }));
       if (sliding > 0) {
-        summary.sliding_vertices = sliding;
+        summary.sliding_vertices = std::max(summary.sliding_vertices, sliding);
         report = detail::minimise(energy, kSlidingSteps, everywhere ? kEverywhereTrustRadius : kSlidingTrustRadius,
                                   positions, part.part(0, 0.7));
         summary.held_back_vertices += hold_back(surface.mesh.triangles, before, least_area, positions);
       }
     }
-    if (!everywhere)
-      report = detail::settle_heights(energy, integrator, options.height_tolerance_mm / 2, positions, part.part(0.7, 1));
+    // What comes after a slide starts anew: before it, heights need not be brought to rest.
+    const bool to_rest = turn == 0 || turn + 1 == options.outer_iterations || sliding == 0;
+    if (!everywhere) {
+      report = detail::settle_heights(energy, *integrator, to_rest ? options.height_tolerance_mm / 2 : kRoughTolerance,
+                                      positions, part.part(0.7, 1));
+    }
     put_on_floor(positions, lens.thickness_mm);
     summary.energy_history.push_back(report.final_energy);
     ++summary.outer_iterations;
@@ -543,12 +604,12 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
     }
   }
 
-  surface.mesh.normals = surface_normals(surface.mesh, rings);
+  surface.mesh.normals = surface_normals(surface.mesh, rings, aim.creases);
   summary.inverted_triangles = count_inverted(surface.mesh);
   double highest = lens.thickness_mm;
   for (const Vec3& p : positions) highest = std::max(highest, p.z());
   summary.height_range_mm = highest - lens.thickness_mm;
-  summary.min_concave_radius_mm = concave_radius(surface.mesh, integrator.edges(), rings);
+  summary.min_concave_radius_mm = concave_radius(surface.mesh, integrator->edges(), rings);
   summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   monitor.report("surface", 1.0);
   return surface;

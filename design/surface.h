@@ -24,7 +24,8 @@ struct SurfaceWeights {
 
 /// kCreases: heights everywhere by conjugate gradients, all three coordinates in Ceres near creases.
 /// kEverywhere: the paper's own, all three coordinates of all vertices in Ceres at once; many times slower.
-enum class SurfaceSolver { kCreases, kEverywhere };
+/// kHeightField: no creases, for comparison: a regular height field, one unknown per vertex.
+enum class SurfaceSolver { kCreases, kEverywhere, kHeightField };
 
 struct SurfaceOptions {
   SurfaceSolver solver = SurfaceSolver::kCreases;
@@ -41,7 +42,7 @@ struct SurfaceSummary {
   int outer_iterations = 0;
   std::vector<double> energy_history;     ///< compound energy after each integration
   int inverted_triangles = 0;
-  int sliding_vertices = 0;               ///< that may move in all coordinates, in the last turn that lets any
+  int sliding_vertices = 0;               ///< that may move in all coordinates, most of any turn
   int held_back_vertices = 0;             ///< moved back because a turn had folded their triangles, all turns
   int unmapped_vertices = 0;              ///< whose light the base surface loses; they follow their neighbours
   double height_range_mm = 0;             ///< highest minus lowest vertex
@@ -54,7 +55,7 @@ struct SurfaceSummary {
 struct OpticalSurface {
   SurfaceMesh mesh;                  ///< lens frame; lowest vertex at z = lens.thickness_mm
   std::vector<Vec2> targets_mm;      ///< where each vertex shall send its light on the receiver
-  std::vector<Vec2> entry_mm;        ///< x, y that each vertex started on
+  std::vector<Vec2> entry_mm;        ///< x, y of each vertex before any slid: on the start mesh, or drawn to a crease
   SurfaceSummary summary;
 };
 

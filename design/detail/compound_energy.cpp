@@ -32,13 +32,19 @@ using RowMatrix23 = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
 
 }  // namespace
 
-Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed,
+bool has_say(std::uint32_t crossed, int triangle_count, int k) {
+  const std::uint32_t all = triangle_count >= 32 ? ~std::uint32_t{0} : (std::uint32_t{1} << triangle_count) - 1;
+  return (crossed & all) == all || (crossed >> (k % 32) & 1) == 0;
+}
+
+Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed, std::uint32_t crossed,
                  std::vector<Eigen::Matrix3d>* jacobians) {
   const int count = static_cast<int>(ring.size());
   const int triangle_count = closed ? count : count - 1;
   Vec3 sum = Vec3::Zero();
   if (jacobians) jacobians->assign(count + 1, Eigen::Matrix3d::Zero());
   for (int k = 0; k < triangle_count; ++k) {
+    if (!has_say(crossed, triangle_count, k)) continue;
     const int next = k + 1 == count ? 0 : k + 1;
     const Vec3 u = ring[k] - centre;
     const Vec3 w = ring[next] - centre;
@@ -72,8 +78,8 @@ namespace {
 /// E_int [paper eq. 6]: the vertex's angle-weighted normal against its target. Parameters: the vertex, then its ring.
 class NormalCost : public ceres::CostFunction {
  public:
-  NormalCost(const Vec3& target, int neighbours, bool closed, double weight)
-      : target_(target), closed_(closed), weight_(weight) {
+  NormalCost(const Vec3& target, int neighbours, bool closed, std::uint32_t crossed, double weight)
+      : target_(target), closed_(closed), crossed_(crossed), weight_(weight) {
     set_num_residuals(3);
     mutable_parameter_block_sizes()->assign(neighbours + 1, 3);
   }
@@ -85,7 +91,7 @@ class NormalCost : public ceres::CostFunction {
     ring.resize(neighbours);
     for (int k = 0; k < neighbours; ++k) ring[k] = Eigen::Map<const Vec3>(parameters[k + 1]);
     const Vec3 normal =
-        ring_normal(Eigen::Map<const Vec3>(parameters[0]), ring, closed_, jacobians ? &derivatives : nullptr);
+        ring_normal(Eigen::Map<const Vec3>(parameters[0]), ring, closed_, crossed_, jacobians ? &derivatives : nullptr);
     Eigen::Map<Vec3>{residuals} = weight_ * (normal - target_);
     if (jacobians) {
       for (int k = 0; k <= neighbours; ++k) {
@@ -98,6 +104,7 @@ class NormalCost : public ceres::CostFunction {
  private:
   Vec3 target_;
   bool closed_;
+  std::uint32_t crossed_;
   double weight_;
 };
 
@@ -298,10 +305,16 @@ struct Scales {
         barrier(std::sqrt(energy.weights.barrier)) {}
 };
 
+/// The mean slope that is wanted over the edge from v to n.
+Vec2 mean_slope(const CompoundEnergy& energy, int v, int n) {
+  const double share = energy.creases.crossed[v] == 0 ? 0.5 : energy.creases.share(v, n);
+  return share * energy.target_slopes[v] + (1 - share) * energy.target_slopes[n];
+}
+
 /// The mean slopes over a vertex's edges that the wanted slopes ask for, in ring order.
 std::vector<Vec2> mean_slopes(const CompoundEnergy& energy, int v) {
   std::vector<Vec2> slopes;
-  for (int n : energy.rings[v].neighbours) slopes.push_back((energy.target_slopes[v] + energy.target_slopes[n]) / 2);
+  for (int n : energy.rings[v].neighbours) slopes.push_back(mean_slope(energy, v, n));
   return slopes;
 }
 
@@ -323,7 +336,8 @@ void add_terms(const CompoundEnergy& energy, std::vector<Vec3>& positions, ceres
     const int neighbours = static_cast<int>(ring.neighbours.size());
     blocks.assign(1, positions[v].data());
     for (int n : ring.neighbours) blocks.push_back(positions[n].data());
-    problem.AddResidualBlock(new NormalCost(energy.target_normals[v], neighbours, ring.closed, scales.integration),
+    problem.AddResidualBlock(new NormalCost(energy.target_normals[v], neighbours, ring.closed, energy.creases.crossed[v],
+                                            scales.integration),
                              nullptr, blocks);
     if (scales.smoothness > 0) {
       problem.AddResidualBlock(new HeightSmoothnessCost(mean_slopes(energy, v), scales.height_smoothness), nullptr,
@@ -480,11 +494,11 @@ class HeightTerms {
         const OneRing& ring = energy_.rings[v];
         around.clear();
         for (int n : ring.neighbours) around.push_back(positions[n]);
-        const Vec3 normal = ring_normal(positions[v], around, ring.closed, derivatives ? &turns : nullptr);
+        const Vec3 normal = ring_normal(positions[v], around, ring.closed, energy_.creases.crossed[v], derivatives ? &turns : nullptr);
         double rise = 0;
         for (std::size_t k = 0; k < around.size(); ++k) {
           const Vec3 way = around[k] - positions[v];
-          const Vec2 slope = (energy_.target_slopes[v] + energy_.target_slopes[ring.neighbours[k]]) / 2;
+          const Vec2 slope = mean_slope(energy_, static_cast<int>(v), ring.neighbours[k]);
           rise += way.z() - slope.dot(way.head<2>());
         }
         residuals_[v] << scales_.integration * (normal - energy_.target_normals[v]), scales_.height_smoothness * rise;
@@ -547,7 +561,7 @@ class HeightTerms {
 MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegrator& integrator, double tolerance_mm,
                                std::vector<Vec3>& positions, const Monitor& monitor) {
   constexpr int kSteps = 6;
-  constexpr int kMostInner = 200;
+  constexpr int kMostInner = 80;
   constexpr double kInnerTolerance = 1e-2;  // of the first residual, in the preconditioner's norm
   const OneBlasThread one_blas_thread;
   HeightTerms terms(energy);

@@ -23,6 +23,7 @@ struct CompoundEnergy {
   const std::vector<Vec3>& start_mm;       ///< the mesh at rest: each vertex on the ray that belongs to it
   const std::vector<VertexLight>& light;   ///< that ray
   const std::vector<Freedom>& freedom;
+  const Creases& creases;                  ///< triangles that a crease crosses have no say in their corners' normals
   const std::vector<Vec2>& sides;          ///< unit, along the straight side that a border vertex may slide on
   std::vector<Vec3> target_normals;        ///< what the angle-weighted normal of each vertex shall be
   std::vector<Vec2> target_slopes;         ///< at the vertices themselves
@@ -56,9 +57,12 @@ MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegra
 double energy_at(const CompoundEnergy& energy, std::vector<Vec3>& positions, std::vector<Vec3>& gradient);
 
 /// The angle-weighted normal of a vertex from its own and its ring's positions (in ring order), and its derivatives:
-/// d normal / d ring vertex k is jacobians[k + 1], with respect to the vertex itself jacobians[0]. For tests and the
-/// energy.
-Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed,
+/// d normal / d ring vertex k is jacobians[k + 1], with respect to the vertex itself jacobians[0]. Triangle k has no say
+/// when bit k of `crossed` is set, unless no other is left. For tests and the energy.
+Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed, std::uint32_t crossed,
                  std::vector<Eigen::Matrix3d>* jacobians);
+
+/// Whether triangle k of a ring has a say in the normal of its vertex.
+bool has_say(std::uint32_t crossed, int triangle_count, int k);
 
 }  // namespace lightmill::detail

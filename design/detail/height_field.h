@@ -5,23 +5,24 @@
 #include <memory>
 #include <vector>
 
-#include "design/core/geometry.h"
+#include "design/detail/creases.h"
 
 namespace lightmill::detail {
 
 /// The height difference over every edge shall be the mean of its ends' slopes times the edge (trapezoidal rule: third
-/// order in the edge's length, and no oscillation escapes it). The matrix depends on the mesh only and is factorised
-/// once.
+/// order in the edge's length, and no oscillation escapes it); edges weigh as their slopes do, by one over their length
+/// squared, torn edges next to nothing: they only tell how high one side stands against the other. The matrix depends on the mesh only and is factorised once.
 class HeightIntegrator {
  public:
-  HeightIntegrator(int vertex_count, const std::vector<std::array<int, 3>>& triangles);
+  HeightIntegrator(const std::vector<Vec2>& xy, const std::vector<std::array<int, 3>>& triangles,
+                   const Creases& creases = {});
   ~HeightIntegrator();
   HeightIntegrator(const HeightIntegrator&) = delete;
   HeightIntegrator& operator=(const HeightIntegrator&) = delete;
 
-  /// Heights of vertices at `xy` for `slopes` (dz/dx, dz/dy); the lowest is 0. Throws NumericalError when the solver
-  /// fails.
-  [[nodiscard]] std::vector<double> integrate(const std::vector<Vec2>& xy, const std::vector<Vec2>& slopes) const;
+  /// Heights of the vertices for `slopes` (dz/dx, dz/dy); the lowest is 0. An edge that a crease crosses has either
+  /// side's slope as far as that side reaches. Throws NumericalError when the solver fails.
+  [[nodiscard]] std::vector<double> integrate(const std::vector<Vec2>& slopes, const Creases& creases) const;
 
   /// The edges' equations solved for any right-hand side, the first vertex held: a preconditioner for all that measures
   /// slopes.
@@ -31,8 +32,9 @@ class HeightIntegrator {
 
  private:
   struct Factor;
-  int vertex_count_;
+  std::vector<Vec2> xy_;
   std::vector<std::array<int, 2>> edges_;
+  std::vector<double> weights_;
   std::unique_ptr<Factor> factor_;
 };
 

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "design/core/errors.h"
+#include "design/detail/creases.h"
 #include "design/detail/near_border.h"
 
 namespace lightmill::detail {
@@ -65,9 +66,6 @@ std::vector<double> cell_sizes(const std::vector<Vec2>& sites, const std::vector
 }  // namespace
 
 bool MapInterpolation::same_branch(const Site& a, const Site& b) const {
-  // A map that stretches by so much more than around the sites is torn. (Between the brightest and the darkest parts of a
-  // photo, neighbouring cells stretch by 2 or 3 times as much as one another.)
-  constexpr double kTear = 5;
   const double stretch = std::max({a.stretch, b.stretch, mean_stretch_});
   return (a.target_mm - b.target_mm).norm() <= kTear * stretch * (a.place_mm - b.place_mm).norm();
 }

@@ -185,6 +185,7 @@ TEST(InterpolateMap, WorksOnADisk) {
 RC_GTEST_PROP(RingNormal, DerivativesAreThoseOfFiniteDifferences, ()) {
   const bool closed = *rc::gen::inRange(0, 2);
   const int count = *rc::gen::inRange(3, 9);
+  const auto crossed = static_cast<std::uint32_t>(*rc::gen::inRange(0, 1 << count));
   Vec3 centre(any_in(-0.1, 0.1), any_in(-0.1, 0.1), any_in(-0.3, 0.3));
   std::vector<Vec3> ring;
   for (int k = 0; k < count; ++k) {
@@ -192,16 +193,16 @@ RC_GTEST_PROP(RingNormal, DerivativesAreThoseOfFiniteDifferences, ()) {
     ring.emplace_back(any_in(0.6, 1.5) * std::cos(angle), any_in(0.6, 1.5) * std::sin(angle), any_in(-0.4, 0.4));
   }
   std::vector<Eigen::Matrix3d> jacobians;
-  detail::ring_normal(centre, ring, closed, &jacobians);
+  detail::ring_normal(centre, ring, closed, crossed, &jacobians);
   constexpr double kStep = 1e-6;
   for (int k = 0; k <= count; ++k) {
     Vec3& moved = k == 0 ? centre : ring[k - 1];
     for (int axis = 0; axis < 3; ++axis) {
       const double here = moved[axis];
       moved[axis] = here + kStep;
-      const Vec3 after = detail::ring_normal(centre, ring, closed, nullptr);
+      const Vec3 after = detail::ring_normal(centre, ring, closed, crossed, nullptr);
       moved[axis] = here - kStep;
-      const Vec3 before = detail::ring_normal(centre, ring, closed, nullptr);
+      const Vec3 before = detail::ring_normal(centre, ring, closed, crossed, nullptr);
       moved[axis] = here;
       RC_ASSERT(((after - before) / (2 * kStep) - jacobians[k].col(axis)).norm() < 1e-6);
     }
@@ -230,7 +231,8 @@ RC_GTEST_PROP(CompoundEnergy, GradientIsThatOfFiniteDifferences, ()) {
   const auto rings = detail::one_rings(static_cast<int>(count), mesh.triangles);
   const std::vector<detail::Freedom> freedom(count, detail::Freedom::kAll);
   const std::vector<Vec2> sides(count, Vec2::Zero());
-  detail::CompoundEnergy energy{mesh.triangles, rings, start, light, freedom, sides, normals, {}, {}};
+  const detail::Creases creases{{{detail::Creases::key(8, 9), 0.3}}, std::vector<std::uint32_t>(count, 5)};
+  detail::CompoundEnergy energy{mesh.triangles, rings, start, light, freedom, creases, sides, normals, {}, {}};
   for (const Vec3& n : normals) energy.target_slopes.emplace_back(-n.head<2>() / n.z());
   // Each term in turn alone, then all.
   const int term = *rc::gen::inRange(0, 6);
