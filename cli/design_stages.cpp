@@ -224,6 +224,8 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
                                         {"unmapped_vertices", s.unmapped_vertices},
                                         {"height_range_mm", s.height_range_mm},
                                         {"min_concave_radius_mm", s.min_concave_radius_mm},
+                                        {"sharper_area_share", s.sharper_area_share},
+                                        {"sharper_light_share", s.sharper_light_share},
                                         {"final_height_change_mm", s.final_height_change_mm},
                                         {"reason", s.reason}};
   result.report["design"]["caustic"] = to_json(measures);

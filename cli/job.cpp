@@ -169,6 +169,7 @@ void read_surface(TomlTable table, Job& job) {
   o.mesh = table.integer_in("mesh", o.mesh, 5, 8193);
   o.outer_iterations = table.integer_in("outer_iterations", o.outer_iterations, 1, 1000);
   o.height_tolerance_mm = table.number_in("height_tolerance_um", o.height_tolerance_mm * 1000, 0, 1000) / 1000;
+  o.min_concave_radius_mm = positive(table, "min_concave_radius_mm", o.min_concave_radius_mm, 10000);
   TomlTable weights = table.table("weights");
   o.weights.integration = positive(weights, "integration", o.weights.integration);
   o.weights.barrier = weights.number_in("barrier", o.weights.barrier, 0, 1e9);
@@ -463,7 +464,8 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   sections["surface"] = std::string(Section()
                                         .put("mesh", job.surface.mesh)
                                         .put("outer_iterations", job.surface.outer_iterations)
-                                        .put("height_tolerance_um", job.surface.height_tolerance_mm * 1000)) +
+                                        .put("height_tolerance_um", job.surface.height_tolerance_mm * 1000)
+                                        .put("min_concave_radius_mm", job.surface.min_concave_radius_mm)) +
                         "weights = { integration = " + Section::number(w.integration) + ", barrier = " + Section::number(w.barrier) +
                         ", direction = " + Section::number(w.direction) + ", flux = " + Section::number(w.flux) +
                         ", smoothness = " + Section::number(w.smoothness) + " }\n";

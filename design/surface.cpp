@@ -378,25 +378,51 @@ std::vector<Vec3> surface_normals(const SurfaceMesh& mesh, const std::vector<One
   return normals;
 }
 
-/// 99.9th percentile of the concave curvature along the edges off the border, as a radius; infinite for a convex
-/// surface.
-double concave_radius(const SurfaceMesh& mesh, const std::vector<std::array<int, 2>>& edges,
-                      const std::vector<OneRing>& rings) {
+/// Concave curvature along an edge, 1/mm.
+double hollowness(const SurfaceMesh& mesh, int i, int j) {
+  const Vec3 along = mesh.vertices[j] - mesh.vertices[i];
+  return -(mesh.normals[j] - mesh.normals[i]).dot(along) / along.squaredNorm();
+}
+
+void report_hollows(const SurfaceMesh& mesh, const std::vector<std::array<int, 2>>& edges,
+                    const std::vector<OneRing>& rings, const std::vector<VertexLight>& light,
+                    double min_concave_radius_mm, SurfaceSummary& summary) {
+  const auto judged = [&](int i, int j) { return rings[i].closed && rings[j].closed; };
   std::vector<double> curvatures;
   for (const auto& [i, j] : edges) {
-    if (!rings[i].closed || !rings[j].closed) continue;
-    const Vec3 along = mesh.vertices[j] - mesh.vertices[i];
-    curvatures.push_back(-(mesh.normals[j] - mesh.normals[i]).dot(along) / along.squaredNorm());
+    if (judged(i, j)) curvatures.push_back(hollowness(mesh, i, j));
   }
-  if (curvatures.empty()) return std::numeric_limits<double>::infinity();
-  const std::size_t rank = std::min(curvatures.size() - 1, static_cast<std::size_t>(0.999 * curvatures.size()));
-  std::nth_element(curvatures.begin(), curvatures.begin() + rank, curvatures.end());
-  return curvatures[rank] > 0 ? 1 / curvatures[rank] : std::numeric_limits<double>::infinity();
+  summary.min_concave_radius_mm = std::numeric_limits<double>::infinity();
+  if (!curvatures.empty()) {
+    constexpr double kPercentile = 0.999;
+    const auto place =
+        curvatures.begin() + static_cast<std::ptrdiff_t>(kPercentile * static_cast<double>(curvatures.size() - 1));
+    std::nth_element(curvatures.begin(), place, curvatures.end());
+    if (*place > 0) summary.min_concave_radius_mm = 1 / *place;
+  }
+  double area_sum = 0, light_sum = 0;
+  for (const auto& t : mesh.triangles) {
+    const Vec3 area = (mesh.vertices[t[1]] - mesh.vertices[t[0]]).cross(mesh.vertices[t[2]] - mesh.vertices[t[0]]) / 2;
+    const double flux = area.dot(light[t[0]].flux + light[t[1]].flux + light[t[2]].flux) / 3;
+    area_sum += area.norm();
+    light_sum += flux;
+    bool sharper = false;
+    for (int k = 0; k < 3; ++k) {
+      const int i = t[k], j = t[(k + 1) % 3];
+      sharper |= judged(i, j) && hollowness(mesh, i, j) * min_concave_radius_mm > 1;
+    }
+    if (!sharper) continue;
+    summary.sharper_area_share += area.norm();
+    summary.sharper_light_share += flux;
+  }
+  summary.sharper_area_share /= area_sum;
+  summary.sharper_light_share = light_sum > 0 ? summary.sharper_light_share / light_sum : 0;
 }
 
 void check_options(const Lens& lens, const Receiver& receiver, const SurfaceOptions& options) {
   if (!(lens.refractive_index > 1)) throw InputError("lens.refractive_index must be above 1");
   if (!(receiver.distance_mm > 0)) throw InputError("receiver.distance_mm must be positive");
+  if (!(options.min_concave_radius_mm > 0)) throw InputError("surface.min_concave_radius_mm must be above 0");
   if (options.outer_iterations < 0) throw InputError("surface.outer_iterations must not be negative");
   const SurfaceWeights& w = options.weights;
   for (const auto& [name, value] :
@@ -609,7 +635,7 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
   double highest = lens.thickness_mm;
   for (const Vec3& p : positions) highest = std::max(highest, p.z());
   summary.height_range_mm = highest - lens.thickness_mm;
-  summary.min_concave_radius_mm = concave_radius(surface.mesh, integrator->edges(), rings);
+  report_hollows(surface.mesh, integrator->edges(), rings, aim.light, options.min_concave_radius_mm, summary);
   summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   monitor.report("surface", 1.0);
   return surface;

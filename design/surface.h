@@ -34,6 +34,7 @@ struct SurfaceOptions {
   int outer_iterations = 4;       ///< at most this many turns of Fresnel mapping and integration; the first and the last move
                                   ///< heights only, so that vertices slide from 3 turns on
   double height_tolerance_mm = 2e-5;  ///< stop when no vertex's height changes by more in a turn
+  double min_concave_radius_mm = 2;   ///< what a finishing ball can reach: sharper hollows are reported
 };
 
 struct SurfaceSummary {
@@ -48,6 +49,9 @@ struct SurfaceSummary {
   double height_range_mm = 0;             ///< highest minus lowest vertex
   double min_concave_radius_mm = 0;       ///< smallest radius of concave curvature (99.9th percentile of curvature along
                                           ///< edges, off the border); infinite where nothing is concave
+  double sharper_area_share = 0;          ///< of the lens, in triangles along whose edges hollows are sharper than
+                                          ///< options.min_concave_radius_mm
+  double sharper_light_share = 0;         ///< of the light, through them
   double final_height_change_mm = 0;
   std::string reason;
 };

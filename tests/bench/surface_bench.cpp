@@ -12,7 +12,6 @@
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -52,14 +51,13 @@ SurfaceOptions options_of(const Setting& setting) {
   return options;
 }
 
-/// How far vertices stand, in z, off the surface on which every path from the light to its target is as long as any other that
-/// goes the same way: RMS, 99.9th percentile and maximum in micrometres. `branch` sorts vertices by where they send their
-/// light; each branch has a constant of its own. `end_of` is where the light of a vertex shall end, lens frame.
+/// How far vertices stand, in z, off the surface on which every path from the light to its target is as long as any other:
+/// RMS, 99.9th percentile and maximum in micrometres. `end_of` is where the light of a vertex shall end, lens frame.
 void print_equal_paths(const char* name, const OpticalSurface& surface, const Lens& lens, const Light& light,
-                       const std::function<Vec3(std::size_t)>& end_of, const std::function<int(std::size_t)>& branch) {
+                       const std::function<Vec3(std::size_t)>& end_of) {
   const Illumination illumination(light, lens);
   const auto& vertices = surface.mesh.vertices;
-  std::map<int, std::pair<double, double>> sums;
+  double sum = 0, weight = 0;
   std::vector<double> paths, rises;
   for (std::size_t v = 0; v < vertices.size(); ++v) {
     const Vec3& p = vertices[v];
@@ -70,14 +68,12 @@ void print_equal_paths(const char* name, const OpticalSurface& surface, const Le
     const Vec3 way = end_of(v) - p;
     paths.push_back(before + lens.refractive_index * (p - entry).norm() + way.norm());
     rises.push_back(lens.refractive_index * ray.direction.z() - way.normalized().z());
-    auto& [sum, weight] = sums[branch(v)];
     sum += paths[v] / (rises[v] * rises[v]);
     weight += 1 / (rises[v] * rises[v]);
   }
   std::vector<double> errors;
   double squares = 0;
   for (std::size_t v = 0; v < vertices.size(); ++v) {
-    const auto& [sum, weight] = sums[branch(v)];
     errors.push_back(1000 * std::abs(paths[v] - sum / weight) / rises[v]);
     squares += errors[v] * errors[v] / static_cast<double>(vertices.size());
   }
@@ -97,7 +93,7 @@ void print_surface(const char* name, const OpticalSurface& s, double cpu) {
   std::printf("\n");
 }
 
-/// All light into the nearest of some points of the receiver.
+/// All light into the nearest of some points of the receiver: equal ovals that meet along straight lines.
 void points(const char* name, const Lens& lens, const Light& light, const Receiver& receiver,
             const std::vector<Vec2>& places, const Setting& setting) {
   const ReceiverFrame frame = receiver_frame(lens, receiver);
@@ -121,8 +117,7 @@ void points(const char* name, const Lens& lens, const Light& light, const Receiv
       [&](std::size_t v) {
         const Vec2& t = s.targets_mm[v];
         return Vec3(frame.origin_mm + t.x() * frame.x_axis + t.y() * frame.y_axis);
-      },
-      [&](std::size_t v) { return static_cast<int>(nearest(s.targets_mm[v])); });
+      });
 }
 
 void point(const std::string& name, const Setting& setting) {
@@ -162,8 +157,7 @@ void line(const Setting& setting) {
   print_surface("line", s, cpu_seconds() - before);
   print_equal_paths(
       "line", s, lens, {},
-      [&](std::size_t v) { return Vec3(s.mesh.vertices[v].x(), 0, lens.thickness_mm + receiver.distance_mm); },
-      [](std::size_t) { return 0; });
+      [&](std::size_t v) { return Vec3(s.mesh.vertices[v].x(), 0, lens.thickness_mm + receiver.distance_mm); });
 }
 
 /// A disk of light into a circle; the profile of a radius is a Cartesian oval.
@@ -205,8 +199,7 @@ void circle(bool by_transport, const Setting& setting) {
         const Vec2 p = s.mesh.vertices[v].head<2>();
         const Vec2 t = p.norm() > 0 ? onto_circle(p) : Vec2(kRho, 0);  // the tip belongs to every radius
         return Vec3(t.x(), t.y(), lens.thickness_mm + receiver.distance_mm);
-      },
-      [](std::size_t) { return 0; });
+      });
 }
 
 /// From a picture or drawing to the light behind the lens, transport included; its measures, and the picture under

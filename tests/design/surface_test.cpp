@@ -313,15 +313,16 @@ TEST(SolveSurface, APointTargetAsksForTheCartesianOval) {
   EXPECT_LT(c.outside_extent, 0.01);
 }
 
-/// How far vertices stand off the surface on which all optical paths from the light to the target are as long as one
+/// How far vertices stand off the surface on which all optical paths from the light to the targets are as long as one
 /// another (RMS, mm): the law of equal paths knows nothing of normals or of our code.
 double equal_path_rms_mm(const std::vector<Vec3>& vertices, const Lens& lens, const Light& light, const Receiver& receiver,
-                         const Vec2& target_mm) {
+                         const std::vector<Vec2>& targets_mm) {
   const ReceiverFrame frame = receiver_frame(lens, receiver);
-  const Vec3 target = frame.origin_mm + target_mm.x() * frame.x_axis + target_mm.y() * frame.y_axis;
   const Illumination illumination(light, lens);
   std::vector<double> paths, rises;
-  for (const Vec3& p : vertices) {
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    const Vec3& p = vertices[v];
+    const Vec3 target = frame.origin_mm + targets_mm[v].x() * frame.x_axis + targets_mm[v].y() * frame.y_axis;
     const IncomingRay ray = illumination.at(p);
     const Vec3 entry(ray.entry_mm.x(), ray.entry_mm.y(), 0);
     const double before = light.kind == Light::Kind::kPoint ? (entry - light.position_mm).norm()
@@ -386,7 +387,7 @@ RC_GTEST_PROP(SolveSurface, AnyLightIntoAPointHasEqualPaths, ()) {
   const OpticalSurface surface = solve_surface(
       lens, light, receiver, [&](const std::vector<Vec2>& places) { return std::vector<Vec2>(places.size(), point); },
       options);
-  RC_ASSERT(equal_path_rms_mm(surface.mesh.vertices, lens, light, receiver, point) < 2e-3);
+  RC_ASSERT(equal_path_rms_mm(surface.mesh.vertices, lens, light, receiver, surface.targets_mm) < 2e-3);
   RC_ASSERT(surface.summary.inverted_triangles == 0);
   double lowest = 1e9;
   for (const Vec3& v : surface.mesh.vertices) lowest = std::min(lowest, v.z());
@@ -399,6 +400,7 @@ TEST(SolveSurface, ACircleTargetAsksForTheRotatedOval) {
   const Receiver receiver;
   SurfaceOptions options;
   options.mesh = 121;
+  options.min_concave_radius_mm = 10;
   constexpr double kRho = 25;
   std::vector<Vec2> targets;
   for (const Vec3& p : start_mesh(lens, options.mesh).vertices) {
@@ -411,6 +413,66 @@ TEST(SolveSurface, ACircleTargetAsksForTheRotatedOval) {
             2e-3);
   EXPECT_EQ(surface.summary.inverted_triangles, 0);
   EXPECT_LT(surface.summary.min_concave_radius_mm, 1000);  // the tip in the middle is a dent
+  EXPECT_GT(surface.summary.sharper_light_share, 0);
+  EXPECT_LT(surface.summary.sharper_area_share, 0.002);
+}
+
+TEST(SolveSurface, FivePointsAskForOvalsThatMeetInCreases) {
+  // Each place's light goes to the nearest of five points: five equal ovals, which meet along straight lines.
+  Lens lens;
+  lens.size_mm = {60, 50};
+  const Receiver receiver;
+  SurfaceOptions options;
+  options.mesh = 81;
+  const Vec2 points[5] = {{-18, -12}, {17, -14}, {1, 2}, {-16, 15}, {20, 16}};
+  const auto nearest = [&](const Vec2& p) {
+    int best = 0;
+    for (int k = 1; k < 5; ++k) {
+      if ((p - points[k]).norm() < (p - points[best]).norm()) best = k;
+    }
+    return best;
+  };
+  const OpticalSurface surface = solve_surface(
+      lens, {}, receiver,
+      [&](const std::vector<Vec2>& places) {
+        std::vector<Vec2> targets;
+        for (const Vec2& p : places) targets.push_back(points[nearest(p)]);
+        return targets;
+      },
+      options);
+  EXPECT_EQ(surface.summary.inverted_triangles, 0);
+  EXPECT_LT(equal_path_rms_mm(surface.mesh.vertices, lens, {}, receiver, surface.targets_mm), 2e-3);
+  // Nearly all light is at the points.
+  const Caustic c = trace_mesh(surface.mesh, lens, receiver, Box2::centred({60, 50}), {.pixels = 300});
+  double at_points = 0;
+  for (int j = 0; j < c.flux.height; ++j) {
+    for (int i = 0; i < c.flux.width; ++i) {
+      const Vec2 p(-30 + (i + 0.5) * 0.2, -25 + (j + 0.5) * 0.2);
+      if ((p - points[nearest(p)]).norm() < 1) at_points += c.flux.at(i, j);
+    }
+  }
+  EXPECT_GT(at_points, 0.98);
+}
+
+TEST(SolveSurface, CreasesKeepLightOutOfTheDarkThatAHeightFieldSpills) {
+  Lens lens;
+  lens.size_mm = {40, 30};
+  SurfaceOptions options;
+  options.mesh = 61;
+  const auto halves = [](const std::vector<Vec2>& places) {
+    std::vector<Vec2> targets;
+    for (const Vec2& p : places) targets.emplace_back(p.x() + 0.4 * p.y() < 0.13 ? Vec2(-10, -4) : Vec2(10, 4));
+    return targets;
+  };
+  double between[2];
+  for (const bool smooth : {false, true}) {
+    options.solver = smooth ? SurfaceSolver::kHeightField : SurfaceSolver::kCreases;
+    const OpticalSurface surface = solve_surface(lens, {}, {}, halves, options);
+    const Caustic c = trace_mesh(surface.mesh, lens, {}, Box2::centred({16, 30}), {.pixels = 60});
+    between[smooth ? 1 : 0] = 0;
+    for (double f : c.flux.values) between[smooth ? 1 : 0] += f;
+  }
+  EXPECT_LT(between[0], 0.3 * between[1]);
 }
 
 TEST(SolveSurface, BendsOneCreaseWhereTheLightParts) {
