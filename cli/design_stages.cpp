@@ -3,6 +3,7 @@
 
 #include "cli/job_light.h"
 #include "cli/light_pictures.h"
+#include "cli/mask_print.h"
 #include "cli/npy.h"
 #include "cli/pictures.h"
 #include "cli/stage_runs.h"
@@ -91,6 +92,28 @@ double write_target_pictures(const Job& job, const RunFolder& folder, const Targ
   write_png16(folder.file("design/target.png"), as_seen(linear, job.receiver.viewed_from));
   write_png8(folder.file("design/target_view.png"), display_picture(flux, job.receiver.viewed_from, white));
   return full_scale;
+}
+
+/// The filter on the lens's back and the light through it, if the target has colours; returns the files.
+std::vector<std::string> write_color_mask(const Job& job, const RunFolder& folder, const Scene& scene, const SurfaceMesh& mesh,
+                                          const std::vector<RayEnds>& ends, const Caustic& caustic, double white) {
+  const auto colours = target_colours(job.target);
+  if (!colours) return {};
+  constexpr double kInch = 25.4;
+  const Box2 film = Box2::centred(scene.lens.size_mm + 2 * Vec2(kMaskMargin_mm, kMaskMargin_mm));
+  write_mask_png(folder.file("design/color_mask.png"), colour_mask(mesh, ends, *colours, film, kMaskDotsPerInch / kInch));
+  write_mask_svg(folder.file("design/color_mask.svg"), "color_mask.png", scene.lens, job.name);
+  ColourGrid light = coloured(caustic, *colours);
+  // As bright as the caustic's picture.
+  double landed = 0;
+  for (const double f : caustic.flux.values) landed += f;
+  const auto scale = static_cast<float>(static_cast<double>(caustic.flux.values.size()) / (std::max(landed, 1e-30) * white));
+  for (Grid<float>* channel : {&light.red, &light.green, &light.blue}) {
+    for (float& value : channel->values) value *= scale;
+  }
+  const ViewedFrom from = job.receiver.viewed_from;
+  write_png8(folder.file("design/caustic_colour.png"), as_seen(light.red, from), as_seen(light.green, from), as_seen(light.blue, from));
+  return {"design/color_mask.png", "design/color_mask.svg", "design/caustic_colour.png"};
 }
 
 /// The power diagram of a quarter of the samples, whose cells are large enough to be seen [paper fig. 11].
@@ -209,8 +232,9 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
   write_height_picture(folder.file("design/heights.png"), rasterise_heights(surface.mesh, extent, kHeightPixels),
                        extent.size().maxCoeff() / kHeightPixels);
   write_curvature_picture(folder.file("design/curvature.png"), surface.mesh, extent);
-  write_checkerboard_picture(folder.file("design/checkerboard.png"), surface.mesh,
-                             ray_ends(surface.mesh, scene.lens, scene.light, job.receiver), extent, target.extent);
+  const std::vector<RayEnds> ends = ray_ends(surface.mesh, scene.lens, scene.light, job.receiver);
+  write_checkerboard_picture(folder.file("design/checkerboard.png"), surface.mesh, ends, extent, target.extent);
+  const std::vector<std::string> mask_files = write_color_mask(job, folder, scene, surface.mesh, ends, caustic, white);
 
   const SurfaceSummary& s = surface.summary;
   StageResult result;
@@ -233,6 +257,7 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
   result.report["design"]["caustic"]["warnings"] = loss_words(caustic);
   result.files = {"design/surface.ply", "design/caustic.png", "design/caustic.exr", "design/exposures.png", "design/heights.png",
                   "design/curvature.png", "design/checkerboard.png"};
+  result.files.insert(result.files.end(), mask_files.begin(), mask_files.end());
   return result;
 }
 

@@ -82,7 +82,8 @@ void read_target(TomlTable table, const fs::path& folder, Job& job) {
   target.background = table.number_in("background", target.background, 0, 1000);
   const std::string transfer = table.choice("transfer", "auto", {"auto", "srgb", "linear"});
   target.transfer = transfer == "srgb" ? Transfer::kSrgb : transfer == "linear" ? Transfer::kLinear : Transfer::kAuto;
-  not_yet(table, "color_mask", "leave it out; the lens is colourless");
+  target.colours = path_in(table, "colours", folder, target.colours);
+  target.color_mask = table.boolean("color_mask", target.color_mask);
 }
 
 void read_lens(TomlTable table, const fs::path& folder, Job& job) {
@@ -411,6 +412,8 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   sections["job"] = Section().put("name", job.name);
   Section target;
   if (!job.target.image.empty()) target.put("image", job.target.image);
+  if (!job.target.colours.empty()) target.put("colours", job.target.colours);
+  target.put("color_mask", job.target.color_mask);
   if (!job.target.drawing.empty()) target.put("drawing", job.target.drawing);
   target.put("size_mm", job.target.size_mm);
   if (job.target.curve_flux < 0) {

@@ -52,7 +52,7 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
   const std::string viewed = job.receiver.viewed_from == ViewedFrom::kLens ? "lens" : "behind";
   Inputs inputs;
   inputs.text(LIGHTMILL_VERSION).text(std::string(stage_name(stage)));
-  const auto target = [&] { inputs.text(sections.at("target")).text(viewed).file(job.target.image).file(job.target.drawing); };
+  const auto target = [&] { inputs.text(sections.at("target")).text(viewed).file(job.target.image).file(job.target.drawing).file(job.target.colours); };
   const auto light_files = [&] {
     const SourceFiles& files = job.source_files;
     inputs.file(files.outline).file(files.base).file(files.light_mesh).file(files.light_image);

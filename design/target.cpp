@@ -81,8 +81,12 @@ TargetLight load_target(const TargetSpec& spec) {
   // through the fills.
   const double size = spec.size_mm.prod();
   if (!spec.image.empty()) {
-    const Picture picture = read_picture(spec.image, spec.transfer);
-    const Grid<float>& gray = picture.gray;
+    Picture picture = read_picture(spec.image, spec.transfer, spec.color_mask);
+    Grid<float>& gray = picture.gray;
+    if (spec.color_mask && !picture.red.empty()) {
+      for (std::size_t i = 0; i < gray.values.size(); ++i)
+        gray.values[i] = std::max({picture.red.values[i], picture.green.values[i], picture.blue.values[i]});
+    }
     target.warnings.insert(target.warnings.end(), picture.warnings.begin(), picture.warnings.end());
     const double stretch = spec.size_mm.x() * gray.height / (spec.size_mm.y() * gray.width);
     if (std::abs(std::log(stretch)) > kStretch) {

@@ -63,6 +63,8 @@ struct TargetSpec {
   double background = 0;            ///< irradiance added everywhere, as a share of the area light's mean
   Transfer transfer = Transfer::kAuto;
   ViewedFrom viewed_from = ViewedFrom::kLens;
+  std::filesystem::path colours{};  ///< picture of the colour mask's colours; empty: the image's own
+  bool color_mask = false;          ///< the image's brightness is its brightest channel's, which the mask lets through whole
 };
 
 /// Reads picture and drawing and sums them. Result is normalised.

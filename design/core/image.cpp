@@ -174,13 +174,18 @@ Grid<float> upright(Grid<float> stored, int orientation) {
 }
 
 void write_pixels(const fs::path& path, int width, int height, int channels, OIIO::TypeDesc stored,
-                  OIIO::TypeDesc given, const void* data, const char* colour_space) {
+                  OIIO::TypeDesc given, const void* data, const char* colour_space, double dots_per_inch = 0) {
   write_whole(path, [&](const fs::path& partial) {
     auto out = OIIO::ImageOutput::create(partial.string());
     if (!out) throw IoError("cannot write " + path.string() + ": " + OIIO::geterror());
     OIIO::ImageSpec spec(width, height, channels, stored);
     spec.attribute("oiio:ColorSpace", colour_space);
     spec.attribute("compression", "zip");
+    if (dots_per_inch > 0) {
+      spec.attribute("XResolution", static_cast<float>(dots_per_inch));
+      spec.attribute("YResolution", static_cast<float>(dots_per_inch));
+      spec.attribute("ResolutionUnit", "in");
+    }
     if (!out->open(partial.string(), spec) || !out->write_image(given, data) || !out->close()) {
       throw IoError("cannot write " + path.string() + ": " + out->geterror());
     }
@@ -189,7 +194,7 @@ void write_pixels(const fs::path& path, int width, int height, int channels, OII
 
 }  // namespace
 
-Picture read_picture(const fs::path& path, Transfer transfer) {
+Picture read_picture(const fs::path& path, Transfer transfer, bool with_colours) {
   const auto input = open(path);
   const OIIO::ImageSpec& spec = input->spec();
   Picture picture;
@@ -217,6 +222,11 @@ Picture read_picture(const fs::path& path, Transfer transfer) {
   if (left < 0 || top < 0 || left + spec.width > spec.full_width || top + spec.height > spec.full_height)
     picture.warnings.push_back(name + ": what lies outside its display window is cut");
   const bool gray = channels.light[0] == channels.light[1];
+  const std::array<Grid<float>*, 3> colours{&picture.red, &picture.green, &picture.blue};
+  with_colours = with_colours && !gray;
+  if (with_colours) {
+    for (Grid<float>* colour : colours) *colour = Grid<float>(spec.full_width, spec.full_height);
+  }
   for_each_row(*input, path, [&](int row, const float* pixel) {
     for (int column = 0; column < spec.width; ++column, pixel += spec.nchannels) {
       const float alpha = channels.alpha >= 0 ? std::min(pixel[channels.alpha], 1.0F) : 1.0F;
@@ -233,9 +243,13 @@ Picture read_picture(const fs::path& path, Transfer transfer) {
       picture.gray.at(x, y) = gray ? light(pixel[r], alpha)
                                    : 0.2126F * light(pixel[r], alpha) + 0.7152F * light(pixel[g], alpha) +
                                          0.0722F * light(pixel[b], alpha);
+      if (!with_colours) continue;
+      for (int k = 0; k < 3; ++k) colours[k]->at(x, y) = light(pixel[channels.light[k]], alpha);
     }
   });
-  picture.gray = upright(std::move(picture.gray), spec.get_int_attribute("Orientation", 1));
+  for (Grid<float>* grid : {&picture.gray, &picture.red, &picture.green, &picture.blue}) {
+    if (!grid->empty()) *grid = upright(std::move(*grid), spec.get_int_attribute("Orientation", 1));
+  }
   if (input->seek_subimage(1, 0))
     picture.warnings.push_back(name + " holds several pictures; the first is used");
   return picture;
@@ -259,7 +273,8 @@ void write_png8(const fs::path& path, const Grid<float>& linear_light) {
   write_pixels(path, linear_light.width, linear_light.height, 1, OIIO::TypeDesc::UINT8, OIIO::TypeDesc::UINT8, codes.data(), "sRGB");
 }
 
-void write_png8(const fs::path& path, const Grid<float>& red, const Grid<float>& green, const Grid<float>& blue) {
+void write_png8(const fs::path& path, const Grid<float>& red, const Grid<float>& green, const Grid<float>& blue,
+                double dots_per_inch) {
   std::vector<std::uint8_t> codes(red.values.size() * 3);
   const Grid<float>* planes[] = {&red, &green, &blue};
   for (std::size_t i = 0; i < red.values.size(); ++i) {
@@ -267,7 +282,7 @@ void write_png8(const fs::path& path, const Grid<float>& red, const Grid<float>&
       codes[3 * i + c] = static_cast<std::uint8_t>(std::lround(255 * linear_to_srgb(planes[c]->values[i])));
     }
   }
-  write_pixels(path, red.width, red.height, 3, OIIO::TypeDesc::UINT8, OIIO::TypeDesc::UINT8, codes.data(), "sRGB");
+  write_pixels(path, red.width, red.height, 3, OIIO::TypeDesc::UINT8, OIIO::TypeDesc::UINT8, codes.data(), "sRGB", dots_per_inch);
 }
 
 void write_png16(const fs::path& path, const Grid<float>& linear) {

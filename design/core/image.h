@@ -12,6 +12,7 @@ namespace lightmill {
 /// A picture in linear light, each value >= 0; alpha has been multiplied in (transparent is black).
 struct Picture {
   Grid<float> gray;                   ///< luminance (Rec. 709 weights)
+  Grid<float> red{}, green{}, blue{};   ///< if asked for, and the file has colours
   std::vector<std::string> warnings;  ///< what of the file was not taken as it is, each beginning with its name
 };
 
@@ -22,14 +23,16 @@ enum class Transfer { kAuto, kSrgb, kLinear };
 /// files are linear. Rotations that the file asks for are done; an EXR's data window lies in its display window on black.
 /// Throws InputError naming the file and the reason (unreadable, cut short, no pixels, other channels, negative or not
 /// finite values and where).
-Picture read_picture(const std::filesystem::path& path, Transfer transfer = Transfer::kAuto);
+Picture read_picture(const std::filesystem::path& path, Transfer transfer = Transfer::kAuto, bool with_colours = false);
 
 /// Reads one float channel as it is (a height map).
 Grid<float> read_float_image(const std::filesystem::path& path);
 
 /// 8-bit sRGB for the eye: linear light in [0, 1] (clamped) becomes sRGB code values.
 void write_png8(const std::filesystem::path& path, const Grid<float>& linear_light);
-void write_png8(const std::filesystem::path& path, const Grid<float>& red, const Grid<float>& green, const Grid<float>& blue);
+/// `dots_per_inch` above 0 is stated in the file, for who prints it.
+void write_png8(const std::filesystem::path& path, const Grid<float>& red, const Grid<float>& green, const Grid<float>& blue,
+                double dots_per_inch = 0);
 /// 16-bit linear: values in [0, 1] (clamped).
 void write_png16(const std::filesystem::path& path, const Grid<float>& linear);
 /// Float as it is: the extension says EXR or TIFF (deflate).

@@ -73,7 +73,7 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   ASSERT_EQ(made.code, 0) << made.err;
   for (const char* name :
        {"job.toml", "report.json", "report.html", "design/target.png", "design/surface.ply", "design/caustic.png", "design/caustic.exr",
-        "design/heights.png", "design/transport.npy", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "program/10_rough.nc",
+        "design/heights.png", "design/curvature.png", "design/checkerboard.png", "design/samples.png", "design/cells.png", "design/exposures.png", "design/transport.npy", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "program/10_rough.nc",
         "program/20_semi_finish.nc", "program/30_finish.nc", "dry_run/machined.tif", "dry_run/caustic_machined.png",
         "dry_run/deviation.png", "dry_run/faults.json", "setup_sheet.html"}) {
     EXPECT_TRUE(fs::exists(fs::path(run) / name)) << name;
