@@ -397,6 +397,16 @@ int run_command_line(int argc, char** argv) {
     return int{kExitDone};
   });
 
+  std::vector<std::string> gallery_folders;
+  std::string gallery_file;
+  sub = command("gallery", "one page of pictures and figures of several designs", "gallery out/paper_rings out/paper_logo -o out/gallery.html");
+  sub->add_option("folders", gallery_folders, "run folders that have a design")->required();
+  sub->add_option("-o,--out", gallery_file, "page to write (HTML); its pictures stay in the run folders")->required();
+  on(sub, [&] {
+    write_whole(gallery_file, gallery_page({gallery_folders.begin(), gallery_folders.end()}, gallery_file));
+    return static_cast<int>(kExitDone);
+  });
+
   sub = command("trace", "light through any surface mesh", "trace surface.ply --job portrait.toml -o caustic.png");
   sub->add_option("surface", traced.surface, "PLY, OBJ or STL mesh, mm, lens frame; walls and bottom are left out")->required();
   sub->add_option("--job", traced.job, "job with target, lens, light and receiver")->required();

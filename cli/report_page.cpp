@@ -4,6 +4,7 @@
 
 #include "cli/pages.h"
 #include "cli/stage_runs.h"
+#include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/text.h"
 
@@ -204,8 +205,10 @@ std::string report_page(const Job& job, const RunFolder& folder) {
 
   if (const std::string pair = picture(folder, "design/exposures.png", "Half a second and two seconds",
                                        "designed surface, one irradiance with gains 1 and 4, clipped at white", true);
-      !pair.empty())
-    html += "<div class=pictures style=\"margin-top:14px\">\n" + pair + "</div>\n";
+      !pair.empty()) {
+    html += "<div class=pictures style=\"margin-top:14px\">\n" + pair +
+            picture(folder, "design/caustic_colour.png", "Through the colour mask", "designed surface, the mask printed and on the flat back", true) + "</div>\n";
+  }
 
   html += "<h2>How the light is sorted</h2>\n<div class=pictures>\n";
   html += picture(folder, "design/checkerboard.png", "Checkerboard through the lens",
@@ -219,6 +222,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   html += "<h2>The part</h2>\n<div class=pictures>\n";
   html += picture(folder, "design/heights.png", "Height", "lens seen from above, mm over the flat back");
   html += picture(folder, "design/curvature.png", "Curvature", "mean curvature, red: bulges, blue: hollow; lines are creases");
+  html += picture(folder, "design/color_mask.png", "Colour mask", "film for the flat back, 300 dots per inch; design/color_mask.svg is the page in mm");
   const std::string range = number_at(report, "/dry_run/deviation_picture_range_um", 1);
   html += picture(folder, "dry_run/deviation.png", "Milled minus designed",
                   "red: material left, blue: material missing; full colour at " + range + " µm; strongest value per pixel");
@@ -285,6 +289,51 @@ std::string report_page(const Job& job, const RunFolder& folder) {
           "; no diffraction, no reflections inside the lens.</li>\n</ul>\n";
   html += "</main></body></html>\n";
   return html;
+}
+
+std::string gallery_page(const std::vector<std::filesystem::path>& folders, const std::filesystem::path& page) {
+  namespace fs = std::filesystem;
+  struct Wanted {
+    const char* file;
+    const char* title;
+    bool light;
+  };
+  static constexpr Wanted kWanted[] = {{"target_view.png", "Target", true},
+                                       {"caustic.png", "Light through the surface", true},
+                                       {"exposures.png", "Half a second, two seconds", true},
+                                       {"caustic_colour.png", "Through the colour mask", true},
+                                       {"curvature.png", "Curvature", false},
+                                       {"checkerboard.png", "Checkerboard through the lens", false},
+                                       {"color_mask.png", "Colour mask", false},
+                                       {"cells.png", "Power diagram, a quarter of the samples", false},
+                                       {"samples.png", "Samples on their way", false},
+                                       {"heights.png", "Height", false}};
+  std::string html = "<!doctype html><html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width\"><title>Lightmill gallery</title>\n<style>" +
+                     std::string(kStyle) + "</style></head><body><main>\n<h1>Gallery</h1>\n";
+  const fs::path here = fs::absolute(page).parent_path();
+  for (const fs::path& root : folders) {
+    const RunFolder folder(root, false);
+    const json report = folder.report();
+    if (!report.contains("/design/caustic"_json_pointer)) {
+      throw InputError(root.string() + " has no design yet; run: lightmill make JOB -o " + root.string() + " --until design");
+    }
+    const Job job = read_job(folder.needed("job.toml", "make"));
+    const std::string link = fs::relative(fs::absolute(root), here).generic_string();
+    html += "<h2><a href=\"" + escaped(link) + "/report.html\">" + escaped(job.name) + "</a></h2>\n<p class=soft>" +
+            number_at(report, "/design/transport/samples", 0) + " samples in " + number_at(report, "/design/transport/seconds", 0) + " s, " +
+            number_at(report, "/design/surface/vertices", 0) + " vertices in " + number_at(report, "/design/surface/seconds", 0) + " s; " +
+            compact(job.lens.size_mm.x(), 1) + " x " + compact(job.lens.size_mm.y(), 1) + " mm at " + compact(job.receiver.distance_mm, 1) + " mm; " +
+            caustic_caption(report, "/design/caustic") + "</p>\n<div class=pictures>\n";
+    for (const Wanted& wanted : kWanted) {
+      const std::string file = std::string("design/") + wanted.file;
+      std::error_code error;
+      if (!fs::exists(folder.file(file), error)) continue;
+      html += "<figure" + std::string(wanted.light ? " class=light" : "") + "><a href=\"" + escaped(link + "/" + file) + "\"><img src=\"" +
+              escaped(link + "/" + file) + "\" alt=\"\"></a><figcaption>" + wanted.title + "</figcaption></figure>\n";
+    }
+    html += "</div>\n";
+  }
+  return html + "</main></body></html>\n";
 }
 
 }  // namespace lightmill
