@@ -454,6 +454,21 @@ TEST(SolveSurface, FivePointsAskForOvalsThatMeetInCreases) {
   EXPECT_GT(at_points, 0.98);
 }
 
+TEST(SolveSurface, AllCoordinatesInCeresFindTheSameOval) {
+  Lens lens;
+  lens.size_mm = {60, 50};
+  SurfaceOptions options;
+  options.mesh = 31;
+  const auto point = [](const std::vector<Vec2>& places) { return std::vector<Vec2>(places.size(), Vec2(5, -3)); };
+  const OpticalSurface quick = solve_surface(lens, {}, {}, point, options);
+  options.solver = SurfaceSolver::kEverywhere;
+  const OpticalSurface full = solve_surface(lens, {}, {}, point, options);
+  EXPECT_GT(full.summary.sliding_vertices, 700);
+  EXPECT_EQ(full.summary.inverted_triangles, 0);
+  EXPECT_LT(equal_path_rms_mm(full.mesh.vertices, lens, {}, {}, full.targets_mm), 2e-3);
+  EXPECT_LT(equal_path_rms_mm(quick.mesh.vertices, lens, {}, {}, quick.targets_mm), 2e-3);
+}
+
 TEST(SolveSurface, CreasesKeepLightOutOfTheDarkThatAHeightFieldSpills) {
   Lens lens;
   lens.size_mm = {40, 30};
