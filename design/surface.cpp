@@ -104,8 +104,8 @@ SurfaceMesh disk_mesh(const Lens& lens, int longer) {
 
 /// A square grid inside, a little off the outline; Delaunay triangles between the two.
 SurfaceMesh outlined_mesh(const Lens& lens, int longer) {
-  constexpr double kOff = 0.6;        // of the pitch, that the grid keeps off the outline: no slivers
-  constexpr double kLongest = 1.5;    // of the pitch: the diagonals of the grid's squares pass
+  constexpr double kOff = 0.6;      // of the pitch, that the grid keeps off the outline: no slivers
+  constexpr double kLongest = 1.5;  // of the pitch: the diagonals of the grid's squares pass
   const double pitch = lens.size_mm.maxCoeff() / (longer - 1);
   std::vector<std::vector<Vec2>> loops;
   std::vector<detail::Segment> border;
@@ -220,8 +220,8 @@ Outline outline_freedom(const std::vector<OneRing>& rings, const std::vector<Vec
   return outline;
 }
 
-/// What the angle-weighted normal of a vertex shall be where its ring is one-sided, on the border and at creases: the same
-/// mean of its triangles' wanted normals. Elsewhere rings surround their vertex, and its own normal is wanted.
+/// What the angle-weighted normal of a vertex shall be where its ring is one-sided, on the border and at creases: the
+/// same mean of its triangles' wanted normals. Elsewhere rings surround their vertex, and its own normal is wanted.
 std::vector<Vec3> ring_targets(const std::vector<Vec3>& wanted, const std::vector<Vec3>& positions,
                                const std::vector<OneRing>& rings, const Creases& creases) {
   std::vector<Vec3> result = wanted;
@@ -275,8 +275,8 @@ void grow(std::vector<char>& marked, const std::vector<OneRing>& rings, int by) 
 }
 
 /// Vertices slide where it pays: where the heights alone leave a normal so wrong that sliding by kWorthwhile of an edge
-/// would cost less, and much more wrong than most (wanted normals are never quite those of a surface), and kSlidingRings rings
-/// around. Around these heights give way; elsewhere the light would gain nothing.
+/// would cost less, and much more wrong than most (wanted normals are never quite those of a surface), and
+/// kSlidingRings rings around. Around these heights give way; elsewhere the light would gain nothing.
 std::vector<Freedom> near_creases(const CompoundEnergy& energy, const std::vector<Vec3>& positions,
                                   const std::vector<Freedom>& most_freedom) {
   constexpr double kWorthwhile = 0.1;
@@ -336,8 +336,8 @@ int hold_back(const std::vector<std::array<int, 3>>& triangles, const std::vecto
   return static_cast<int>(std::count(held.begin(), held.end(), 1));
 }
 
-/// Normals to trace and mill by: angle-weighted inside; on the border and at creases, where that is one-sided, the normal of
-/// the parabola that fits the vertices around on the same side best, if they lie well around.
+/// Normals to trace and mill by: angle-weighted inside; on the border and at creases, where that is one-sided, the
+/// normal of the parabola that fits the vertices around on the same side best, if they lie well around.
 std::vector<Vec3> surface_normals(const SurfaceMesh& mesh, const std::vector<OneRing>& rings, const Creases& creases) {
   constexpr double kWellAround = 0.05;  // least over greatest spread
   std::vector<Vec3> normals = ring_normals(mesh.vertices, rings, creases);
@@ -537,8 +537,8 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
   for (std::size_t v = 0; v < count; ++v) positions[v].z() += heights_at_start[v];
   const detail::LitBase base(lens, light, receiver, base_floor);
 
-  // First guess: heights only, Fresnel mapping and integration in turn until nothing moves. Then vertices near creases are
-  // drawn to them, and once more.
+  // First guess: heights only, Fresnel mapping and integration in turn until nothing moves. Then vertices near creases
+  // are drawn to them, and once more.
   std::optional<HeightIntegrator> integrator(std::in_place, surface.entry_mm, surface.mesh.triangles);
   const Outline outline = outline_freedom(rings, surface.entry_mm);
   const bool may_crease = options.solver != SurfaceSolver::kHeightField;
@@ -560,8 +560,8 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
       if (change < (drawn || !may_crease ? kFirstGuessTolerance : kRoughTolerance)) break;
     }
     if (drawn || aim.creases.shares.empty()) break;
-    surface.entry_mm = detail::drawn_to_creases(aim.creases, rings, surface.mesh.triangles, surface.entry_mm, slopes,
-                                                outline.sides);
+    surface.entry_mm =
+        detail::drawn_to_creases(aim.creases, rings, surface.mesh.triangles, surface.entry_mm, slopes, outline.sides);
     for (std::size_t v = 0; v < count; ++v) positions[v].head<2>() = surface.entry_mm[v];
     integrator.emplace(surface.entry_mm, surface.mesh.triangles, aim.creases);
   }
@@ -569,13 +569,14 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
   surface.targets_mm = aim.targets_mm;
   summary.unmapped_vertices = aim.unmapped;
 
-  // The paper's energy, and Fresnel mapping again, in turn. From here on each vertex belongs to the ray that meets it now.
+  // The paper's energy, and Fresnel mapping again, in turn. From here on each vertex belongs to the ray that meets it
+  // now.
   const std::vector<Vec3> start = positions;
   std::vector<Freedom> freedom;
   double edge_sum = 0;
   for (const auto& [i, j] : integrator->edges()) edge_sum += (surface.entry_mm[j] - surface.entry_mm[i]).norm();
-  CompoundEnergy energy{surface.mesh.triangles, rings, start, aim.light, freedom, aim.creases, outline.sides, {}, {},
-                        options.weights};
+  CompoundEnergy energy{surface.mesh.triangles, rings, start, aim.light,      freedom, aim.creases,
+                        outline.sides,          {},    {},    options.weights};
   energy.edge_mm = edge_sum / static_cast<double>(integrator->edges().size());
   energy.slope_scale = lens.size_mm.maxCoeff() / ((lens.refractive_index - 1) * receiver.distance_mm);
   energy.floor_mm = lens.thickness_mm;

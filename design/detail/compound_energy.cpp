@@ -336,8 +336,8 @@ void add_terms(const CompoundEnergy& energy, std::vector<Vec3>& positions, ceres
     const int neighbours = static_cast<int>(ring.neighbours.size());
     blocks.assign(1, positions[v].data());
     for (int n : ring.neighbours) blocks.push_back(positions[n].data());
-    problem.AddResidualBlock(new NormalCost(energy.target_normals[v], neighbours, ring.closed, energy.creases.crossed[v],
-                                            scales.integration),
+    problem.AddResidualBlock(new NormalCost(energy.target_normals[v], neighbours, ring.closed,
+                                            energy.creases.crossed[v], scales.integration),
                              nullptr, blocks);
     if (scales.smoothness > 0) {
       problem.AddResidualBlock(new HeightSmoothnessCost(mean_slopes(energy, v), scales.height_smoothness), nullptr,
@@ -353,8 +353,8 @@ void add_terms(const CompoundEnergy& energy, std::vector<Vec3>& positions, ceres
           if (!ring.closed && k != 0 && k + 1 != ring.neighbours.size()) continue;
           rest += (energy.start_mm[ring.neighbours[k]] - energy.start_mm[v]).head<2>();
         }
-        problem.AddResidualBlock(
-            new PlanarSmoothnessCost(static_cast<int>(blocks.size()) - 1, rest, scales.smoothness), nullptr, blocks);
+        problem.AddResidualBlock(new PlanarSmoothnessCost(static_cast<int>(blocks.size()) - 1, rest, scales.smoothness),
+                                 nullptr, blocks);
       }
     }
     if (scales.direction > 0 && slides(v)) {
@@ -494,7 +494,8 @@ class HeightTerms {
         const OneRing& ring = energy_.rings[v];
         around.clear();
         for (int n : ring.neighbours) around.push_back(positions[n]);
-        const Vec3 normal = ring_normal(positions[v], around, ring.closed, energy_.creases.crossed[v], derivatives ? &turns : nullptr);
+        const Vec3 normal =
+            ring_normal(positions[v], around, ring.closed, energy_.creases.crossed[v], derivatives ? &turns : nullptr);
         double rise = 0;
         for (std::size_t k = 0; k < around.size(); ++k) {
           const Vec3 way = around[k] - positions[v];
@@ -552,7 +553,7 @@ class HeightTerms {
   std::vector<int> first_;  // of a vertex's slots in rows_: its own, then its ring's
   std::vector<Eigen::Vector4d> rows_;
   std::vector<Eigen::Vector4d> residuals_;
-  std::vector<int> column_first_;  // of a vertex in columns_
+  std::vector<int> column_first_;             // of a vertex in columns_
   std::vector<std::pair<int, int>> columns_;  // vertex whose residuals, slot
 };
 

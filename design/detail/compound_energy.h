@@ -20,13 +20,13 @@ enum class Freedom : char { kNone, kHeight, kHeightAndSide, kAll };
 struct CompoundEnergy {
   const std::vector<std::array<int, 3>>& triangles;
   const std::vector<OneRing>& rings;
-  const std::vector<Vec3>& start_mm;       ///< the mesh at rest: each vertex on the ray that belongs to it
-  const std::vector<VertexLight>& light;   ///< that ray
+  const std::vector<Vec3>& start_mm;      ///< the mesh at rest: each vertex on the ray that belongs to it
+  const std::vector<VertexLight>& light;  ///< that ray
   const std::vector<Freedom>& freedom;
-  const Creases& creases;                  ///< triangles that a crease crosses have no say in their corners' normals
-  const std::vector<Vec2>& sides;          ///< unit, along the straight side that a border vertex may slide on
-  std::vector<Vec3> target_normals;        ///< what the angle-weighted normal of each vertex shall be
-  std::vector<Vec2> target_slopes;         ///< at the vertices themselves
+  const Creases& creases;            ///< triangles that a crease crosses have no say in their corners' normals
+  const std::vector<Vec2>& sides;    ///< unit, along the straight side that a border vertex may slide on
+  std::vector<Vec3> target_normals;  ///< what the angle-weighted normal of each vertex shall be
+  std::vector<Vec2> target_slopes;   ///< at the vertices themselves
   SurfaceWeights weights;
   double edge_mm = 1;      ///< mean edge of the start mesh: the unit of lengths
   double slope_scale = 1;  ///< the unit of normals: lens size over (n - 1) times distance
@@ -57,8 +57,8 @@ MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegra
 double energy_at(const CompoundEnergy& energy, std::vector<Vec3>& positions, std::vector<Vec3>& gradient);
 
 /// The angle-weighted normal of a vertex from its own and its ring's positions (in ring order), and its derivatives:
-/// d normal / d ring vertex k is jacobians[k + 1], with respect to the vertex itself jacobians[0]. Triangle k has no say
-/// when bit k of `crossed` is set, unless no other is left. For tests and the energy.
+/// d normal / d ring vertex k is jacobians[k + 1], with respect to the vertex itself jacobians[0]. Triangle k has no
+/// say when bit k of `crossed` is set, unless no other is left. For tests and the energy.
 Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed, std::uint32_t crossed,
                  std::vector<Eigen::Matrix3d>* jacobians);
 

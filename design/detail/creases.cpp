@@ -41,7 +41,8 @@ std::vector<double> stretches(const std::vector<OneRing>& rings, const std::vect
 
 }  // namespace
 
-Creases find_creases(const std::vector<OneRing>& rings, const std::vector<Vec2>& places, const std::vector<Vec2>& targets,
+Creases find_creases(const std::vector<OneRing>& rings, const std::vector<Vec2>& places,
+                     const std::vector<Vec2>& targets,
                      const std::function<std::vector<Vec2>(const std::vector<Vec2>&)>& targets_of) {
   const std::vector<double> stretch = stretches(rings, places, targets);
   struct Edge {
@@ -59,8 +60,7 @@ Creases find_creases(const std::vector<OneRing>& rings, const std::vector<Vec2>&
   constexpr int kHalvings = 7;
   for (int halving = 0; halving < kHalvings && !edges.empty(); ++halving) {
     std::vector<Vec2> middles;
-    for (const Edge& e : edges)
-      middles.push_back(places[e.a] + (e.low + e.high) / 2 * (places[e.b] - places[e.a]));
+    for (const Edge& e : edges) middles.push_back(places[e.a] + (e.low + e.high) / 2 * (places[e.b] - places[e.a]));
     const std::vector<Vec2> there = targets_of(middles);
     for (std::size_t k = 0; k < edges.size(); ++k) {
       Edge& e = edges[k];
@@ -84,7 +84,8 @@ Creases find_creases(const std::vector<OneRing>& rings, const std::vector<Vec2>&
     for (int k = 0; k < rings[v].triangle_count(); ++k) {
       const int a = around[k];
       const int b = around[(k + 1) % around.size()];
-      if (creases.torn(centre, a) || creases.torn(centre, b) || creases.torn(a, b)) creases.crossed[v] |= std::uint32_t{1} << (k % 32);
+      if (creases.torn(centre, a) || creases.torn(centre, b) || creases.torn(a, b))
+        creases.crossed[v] |= std::uint32_t{1} << (k % 32);
     }
   }
   return creases;

@@ -36,12 +36,13 @@ struct Creases {
 };
 
 /// `targets_of` tells the targets of places; `places` and `targets` are the vertices' own.
-Creases find_creases(const std::vector<OneRing>& rings, const std::vector<Vec2>& places, const std::vector<Vec2>& targets,
+Creases find_creases(const std::vector<OneRing>& rings, const std::vector<Vec2>& places,
+                     const std::vector<Vec2>& targets,
                      const std::function<std::vector<Vec2>(const std::vector<Vec2>&)>& targets_of);
 
-/// The mesh with vertices on both sides of a crease moved up to it, across it, and those around giving way: what is between
-/// the two sides, and belongs to neither, becomes narrow. No triangle gets smaller than a tenth of what it was. `slopes` are
-/// the wanted ones; `sides` say along which line a border vertex may move (zero: not at all).
+/// The mesh with vertices on both sides of a crease moved up to it, across it, and those around giving way: what is
+/// between the two sides, and belongs to neither, becomes narrow. No triangle gets smaller than a tenth of what it was.
+/// `slopes` are the wanted ones; `sides` say along which line a border vertex may move (zero: not at all).
 std::vector<Vec2> drawn_to_creases(const Creases& creases, const std::vector<OneRing>& rings,
                                    const std::vector<std::array<int, 3>>& triangles, const std::vector<Vec2>& xy,
                                    const std::vector<Vec2>& slopes, const std::vector<Vec2>& sides);

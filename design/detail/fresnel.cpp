@@ -26,8 +26,9 @@ std::vector<Vec3> fresnel_normals(const std::vector<Vec3>& positions, const std:
     }
     const double cosine = std::clamp(incoming[v].dot(after), -1.0, 1.0);
     if (!(lens.refractive_index * cosine > 1)) {
-      throw InputError("surface: light" + place(v) + " would have to bend by " + fixed(std::acos(cosine) * 180 / kPi, 1) +
-                       " degrees, at most " + fixed(std::acos(1 / lens.refractive_index) * 180 / kPi, 1) +
+      throw InputError("surface: light" + place(v) + " would have to bend by " +
+                       fixed(std::acos(cosine) * 180 / kPi, 1) + " degrees, at most " +
+                       fixed(std::acos(1 / lens.refractive_index) * 180 / kPi, 1) +
                        " are possible: enlarge receiver.distance_mm or make target.size_mm more like the lens");
     }
     normals[v] = bending_normal(incoming[v], after, indices);

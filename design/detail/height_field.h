@@ -11,7 +11,8 @@ namespace lightmill::detail {
 
 /// The height difference over every edge shall be the mean of its ends' slopes times the edge (trapezoidal rule: third
 /// order in the edge's length, and no oscillation escapes it); edges weigh as their slopes do, by one over their length
-/// squared, torn edges next to nothing: they only tell how high one side stands against the other. The matrix depends on the mesh only and is factorised once.
+/// squared, torn edges next to nothing: they only tell how high one side stands against the other. The matrix depends
+/// on the mesh only and is factorised once.
 class HeightIntegrator {
  public:
   HeightIntegrator(const std::vector<Vec2>& xy, const std::vector<std::array<int, 3>>& triangles,

@@ -18,7 +18,8 @@ std::vector<std::array<Vec2, 2>> border_of(const SourceLight& source) {
   std::vector<std::array<Vec2, 2>> border;
   const Vec2 half = source.size_mm / 2;
   if (source.shape == SourceLight::Shape::kRectangle) {
-    const Vec2 corners[4] = {{-half.x(), -half.y()}, {half.x(), -half.y()}, {half.x(), half.y()}, {-half.x(), half.y()}};
+    const Vec2 corners[4] = {
+        {-half.x(), -half.y()}, {half.x(), -half.y()}, {half.x(), half.y()}, {-half.x(), half.y()}};
     for (int k = 0; k < 4; ++k) border.push_back({corners[k], corners[(k + 1) % 4]});
   } else if (source.shape == SourceLight::Shape::kDisk) {
     constexpr int kSides = 2880;  // a chord is 6e-7 of the radius within the circle
@@ -122,8 +123,7 @@ MapInterpolation::MapInterpolation(const TransportMap& map, const SourceLight& s
   const auto mirrored = [&](std::size_t site, const Vec2& outwards, const Vec2& step) {
     const Vec2 target = targets[site] + step;
     places.push_back(places[site] + outwards);
-    sites_.push_back(
-        {places.back(), target, sites_[site].potential_mm2 + (targets[site] + target).dot(outwards) / 2});
+    sites_.push_back({places.back(), target, sites_[site].potential_mm2 + (targets[site] + target).dot(outwards) / 2});
   };
   for (std::size_t m = 0; m < mirrors.size(); ++m) {
     mirrored(mirrors[m].site, mirrors[m].outwards, steps[m]);

@@ -8,9 +8,9 @@
 
 namespace lightmill::detail {
 
-/// Natural neighbour interpolation of the map [paper sec. 5]. The map is the gradient of a convex function, whose values
-/// at the sites are the potentials: where it jumps, a place belongs to the branch on which that function is the highest, and
-/// takes its target from that branch alone.
+/// Natural neighbour interpolation of the map [paper sec. 5]. The map is the gradient of a convex function, whose
+/// values at the sites are the potentials: where it jumps, a place belongs to the branch on which that function is the
+/// highest, and takes its target from that branch alone.
 class MapInterpolation {
  public:
   MapInterpolation(const TransportMap& map, const SourceLight& source);

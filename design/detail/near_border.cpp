@@ -39,7 +39,8 @@ NearBorder::NearBorder(std::vector<Segment> segments, double reach) : segments_(
     const Vec2 low = segments_[s][0].cwiseMin(segments_[s][1]).array() - reach;
     const Vec2 high = segments_[s][0].cwiseMax(segments_[s][1]).array() + reach;
     for (int j = row(low.y()); j <= row(high.y()); ++j) {
-      for (int i = column(low.x()); i <= column(high.x()); ++i) buckets_[j * columns_ + i].push_back(static_cast<int>(s));
+      for (int i = column(low.x()); i <= column(high.x()); ++i)
+        buckets_[j * columns_ + i].push_back(static_cast<int>(s));
     }
   }
 }
@@ -57,9 +58,8 @@ const std::vector<int>& NearBorder::bucket(const Vec2& point) const {
 }
 
 bool NearBorder::near(const Vec2& point) const {
-  return !segments_.empty() && std::any_of(bucket(point).begin(), bucket(point).end(), [&](int s) {
-    return way_to(segments_[s], point).length < reach_;
-  });
+  return !segments_.empty() && std::any_of(bucket(point).begin(), bucket(point).end(),
+                                           [&](int s) { return way_to(segments_[s], point).length < reach_; });
 }
 
 std::vector<Vec2> NearBorder::ways(const Vec2& point, double reach) const {

@@ -15,9 +15,9 @@ class NearBorder {
  public:
   NearBorder(std::vector<Segment> segments, double reach);
 
-  /// Ways from the point to the border shorter than `reach` (at most the constructor's): the shortest, and every other that
-  /// meets a segment's inside at an angle of more than 45 degrees to those found before (the second side of a corner, the
-  /// far side of a bridge).
+  /// Ways from the point to the border shorter than `reach` (at most the constructor's): the shortest, and every other
+  /// that meets a segment's inside at an angle of more than 45 degrees to those found before (the second side of a
+  /// corner, the far side of a bridge).
   [[nodiscard]] std::vector<Vec2> ways(const Vec2& point, double reach) const;
 
   /// Whether any segment is nearer than the constructor's reach.

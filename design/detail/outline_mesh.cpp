@@ -40,9 +40,9 @@ bool inside_outline(const std::vector<std::vector<Vec2>>& loops, const Vec2& pla
 }
 
 std::vector<Vec2> resampled(const std::vector<Vec2>& loop, double pitch_mm) {
-  constexpr double kCorner = 0.35;    // rad
-  constexpr double kNearest = 0.25;   // of the pitch, between two corners
-  constexpr int kFewest = 6;          // for what is smaller than the pitch
+  constexpr double kCorner = 0.35;   // rad
+  constexpr double kNearest = 0.25;  // of the pitch, between two corners
+  constexpr int kFewest = 6;         // for what is smaller than the pitch
   std::vector<Vec2> points;
   for (const Vec2& p : loop) {
     if (points.empty() || p != points.back()) points.push_back(p);
@@ -71,7 +71,9 @@ std::vector<Vec2> resampled(const std::vector<Vec2>& loop, double pitch_mm) {
     std::size_t k = corners[c];
     for (int step = 0; step < steps; ++step) {
       const double place = from + (to - from) * step / steps;
-      const auto end_of = [&](std::size_t edge) { return along[edge % count + 1] + (edge >= count ? along[count] : 0); };
+      const auto end_of = [&](std::size_t edge) {
+        return along[edge % count + 1] + (edge >= count ? along[count] : 0);
+      };
       while (end_of(k) <= place && k + 1 < 2 * count) ++k;
       const Vec2& a = points[k % count];
       const Vec2& b = points[(k + 1) % count];

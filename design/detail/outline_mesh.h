@@ -15,7 +15,8 @@ struct PlanarMesh {
 
 /// Fills the closed loops by the even-odd rule with triangles of edges about `edge_mm` or shorter. Loops may cross.
 /// `inner` places within them become vertices too.
-PlanarMesh outline_mesh(const std::vector<std::vector<Vec2>>& loops, double edge_mm, const std::vector<Vec2>& inner = {});
+PlanarMesh outline_mesh(const std::vector<std::vector<Vec2>>& loops, double edge_mm,
+                        const std::vector<Vec2>& inner = {});
 
 /// The loop in equal steps of about `pitch_mm` between its corners, which stay.
 std::vector<Vec2> resampled(const std::vector<Vec2>& loop, double pitch_mm);

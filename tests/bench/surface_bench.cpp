@@ -1,9 +1,11 @@
-// Benchmarks of the surface stage at full size: surface_bench [CASE]... [--mesh N] [--samples N] [--turns N] [--smooth] [--out DIR].
+// Benchmarks of the surface stage at full size: surface_bench [CASE]... [--mesh N] [--samples N] [--turns N] [--smooth]
+// [--out DIR].
 //   point, slanted, near, sphere, line, two, five   against the law of equal optical paths (targets given)
 //   circle                                          against its profile (targets given); circle_map: by the transport
 //   portrait, horse, rings, letter                  the light behind the lens, transport included
 //   heights                                         tracing of milled heights
-// Prints one line per figure; pictures go to the folder named by --out, if any. --smooth: a height field without creases.
+// Prints one line per figure; pictures go to the folder named by --out, if any. --smooth: a height field without
+// creases.
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -51,8 +53,9 @@ SurfaceOptions options_of(const Setting& setting) {
   return options;
 }
 
-/// How far vertices stand, in z, off the surface on which every path from the light to its target is as long as any other:
-/// RMS, 99.9th percentile and maximum in micrometres. `end_of` is where the light of a vertex shall end, lens frame.
+/// How far vertices stand, in z, off the surface on which every path from the light to its target is as long as any
+/// other: RMS, 99.9th percentile and maximum in micrometres. `end_of` is where the light of a vertex shall end, lens
+/// frame.
 void print_equal_paths(const char* name, const OpticalSurface& surface, const Lens& lens, const Light& light,
                        const std::function<Vec3(std::size_t)>& end_of) {
   const Illumination illumination(light, lens);
@@ -112,12 +115,10 @@ void points(const char* name, const Lens& lens, const Light& light, const Receiv
   const double before = cpu_seconds();
   const OpticalSurface s = solve_surface(lens, light, receiver, target, options_of(setting));
   print_surface(name, s, cpu_seconds() - before);
-  print_equal_paths(
-      name, s, lens, light,
-      [&](std::size_t v) {
-        const Vec2& t = s.targets_mm[v];
-        return Vec3(frame.origin_mm + t.x() * frame.x_axis + t.y() * frame.y_axis);
-      });
+  print_equal_paths(name, s, lens, light, [&](std::size_t v) {
+    const Vec2& t = s.targets_mm[v];
+    return Vec3(frame.origin_mm + t.x() * frame.x_axis + t.y() * frame.y_axis);
+  });
 }
 
 void point(const std::string& name, const Setting& setting) {
@@ -155,9 +156,9 @@ void line(const Setting& setting) {
   const double before = cpu_seconds();
   const OpticalSurface s = solve_surface(lens, {}, receiver, target, options_of(setting));
   print_surface("line", s, cpu_seconds() - before);
-  print_equal_paths(
-      "line", s, lens, {},
-      [&](std::size_t v) { return Vec3(s.mesh.vertices[v].x(), 0, lens.thickness_mm + receiver.distance_mm); });
+  print_equal_paths("line", s, lens, {}, [&](std::size_t v) {
+    return Vec3(s.mesh.vertices[v].x(), 0, lens.thickness_mm + receiver.distance_mm);
+  });
 }
 
 /// A disk of light into a circle; the profile of a radius is a Cartesian oval.
@@ -193,13 +194,11 @@ void circle(bool by_transport, const Setting& setting) {
                                         : solve_surface(lens, {}, receiver, target, options_of(setting));
   print_surface(name, s, cpu_seconds() - before);
   if (by_transport) std::printf("%s: %zu samples\n", name, map.sites_mm.size());
-  print_equal_paths(
-      name, s, lens, {},
-      [&](std::size_t v) {
-        const Vec2 p = s.mesh.vertices[v].head<2>();
-        const Vec2 t = p.norm() > 0 ? onto_circle(p) : Vec2(kRho, 0);  // the tip belongs to every radius
-        return Vec3(t.x(), t.y(), lens.thickness_mm + receiver.distance_mm);
-      });
+  print_equal_paths(name, s, lens, {}, [&](std::size_t v) {
+    const Vec2 p = s.mesh.vertices[v].head<2>();
+    const Vec2 t = p.norm() > 0 ? onto_circle(p) : Vec2(kRho, 0);  // the tip belongs to every radius
+    return Vec3(t.x(), t.y(), lens.thickness_mm + receiver.distance_mm);
+  });
 }
 
 /// From a picture or drawing to the light behind the lens, transport included; its measures, and the picture under

@@ -110,10 +110,11 @@ TEST(StartMesh, AnOutlineIsFollowedByARegularMesh) {
   EXPECT_GT(regular, 0.75 * static_cast<double>(border.size()));
 }
 
-/// Cells of a regular grid of sites, with the map given at the centroids. `potential` is the convex function whose gradient
-/// the map is, for maps that are torn.
-TransportMap synthetic_map(const Vec2& size, int columns, int rows, const std::function<Vec2(const Vec2&)>& target,
-                           const std::function<double(const Vec2&)>& potential = [](const Vec2&) { return 0.0; }) {
+/// Cells of a regular grid of sites, with the map given at the centroids. `potential` is the convex function whose
+/// gradient the map is, for maps that are torn.
+TransportMap synthetic_map(
+    const Vec2& size, int columns, int rows, const std::function<Vec2(const Vec2&)>& target,
+    const std::function<double(const Vec2&)>& potential = [](const Vec2&) { return 0.0; }) {
   TransportMap map;
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
@@ -315,8 +316,8 @@ TEST(SolveSurface, APointTargetAsksForTheCartesianOval) {
 
 /// How far vertices stand off the surface on which all optical paths from the light to the targets are as long as one
 /// another (RMS, mm): the law of equal paths knows nothing of normals or of our code.
-double equal_path_rms_mm(const std::vector<Vec3>& vertices, const Lens& lens, const Light& light, const Receiver& receiver,
-                         const std::vector<Vec2>& targets_mm) {
+double equal_path_rms_mm(const std::vector<Vec3>& vertices, const Lens& lens, const Light& light,
+                         const Receiver& receiver, const std::vector<Vec2>& targets_mm) {
   const ReceiverFrame frame = receiver_frame(lens, receiver);
   const Illumination illumination(light, lens);
   std::vector<double> paths, rises;
@@ -578,12 +579,13 @@ TEST(SolveSurface, DoesNotDependOnTheThreadCount) {
   SurfaceOptions options;
   options.mesh = 31;
   options.outer_iterations = 3;
-  const TransportMap map = synthetic_map(lens.size_mm, 24, 16, [](const Vec2& p) {
-    return Vec2(p.x() < 1 ? -10 + 0.1 * p.x() : 8 + 0.2 * p.x(), 0.5 * p.y());
-  }, [](const Vec2& p) {
-    const double x = p.x();
-    return std::max(-10 * x + 0.05 * x * x, 8 * x + 0.1 * x * x - 18.05) + 0.25 * p.y() * p.y();
-  });
+  const TransportMap map = synthetic_map(
+      lens.size_mm, 24, 16,
+      [](const Vec2& p) { return Vec2(p.x() < 1 ? -10 + 0.1 * p.x() : 8 + 0.2 * p.x(), 0.5 * p.y()); },
+      [](const Vec2& p) {
+        const double x = p.x();
+        return std::max(-10 * x + 0.05 * x * x, 8 * x + 0.1 * x * x - 18.05) + 0.25 * p.y() * p.y();
+      });
   set_thread_count(1);
   const OpticalSurface one = solve_surface(lens, {}, {}, map, options);
   set_thread_count(3);
@@ -622,8 +624,10 @@ TEST(SolveSurface, SaysWhatCannotBe) {
   lens.size_mm = {20, 20};
   SurfaceOptions options;
   options.mesh = 5;
-  EXPECT_THROW(solve_surface(lens, {}, {}, fixed_targets(std::vector<Vec2>(24, Vec2(0, 0))), options), InputError);    // one too few
-  EXPECT_THROW(solve_surface(lens, {}, {}, fixed_targets(std::vector<Vec2>(25, Vec2(400, 0))), options), InputError);  // 53 degrees
+  EXPECT_THROW(solve_surface(lens, {}, {}, fixed_targets(std::vector<Vec2>(24, Vec2(0, 0))), options),
+               InputError);  // one too few
+  EXPECT_THROW(solve_surface(lens, {}, {}, fixed_targets(std::vector<Vec2>(25, Vec2(400, 0))), options),
+               InputError);  // 53 degrees
   SurfaceOptions negative = options;
   negative.weights.flux = -1;
   EXPECT_THROW(solve_surface(lens, {}, {}, fixed_targets(std::vector<Vec2>(25, Vec2(0, 0))), negative), InputError);
