@@ -256,7 +256,8 @@ std::vector<AreaBorder> borders_of(const FilledShapes& shapes, const Box2& exten
     for (std::size_t k = 1; k < active.size(); ++k) {
       if (!before(active[k], active[k - 1])) continue;
       const Running moved = active[k];
-      const auto place = std::upper_bound(active.begin(), active.begin() + static_cast<std::ptrdiff_t>(k), moved, before);
+      const auto place =
+          std::upper_bound(active.begin(), active.begin() + static_cast<std::ptrdiff_t>(k), moved, before);
       std::move_backward(place, active.begin() + static_cast<std::ptrdiff_t>(k),
                          active.begin() + static_cast<std::ptrdiff_t>(k) + 1);
       *place = moved;
@@ -342,7 +343,8 @@ std::vector<CurveLight> clipped(const CurveLight& curve, const Clip& clip) {
     std::vector<Piece> pieces;
     for (std::size_t k = 0; k + 1 < cuts.size(); ++k) {
       const Vec2 middle = p + (cuts[k] + cuts[k + 1]) / 2 * d;
-      if (std::none_of(clip.begin(), clip.end(), [&](const Region& region) { return region.contains(middle); })) continue;
+      if (std::none_of(clip.begin(), clip.end(), [&](const Region& region) { return region.contains(middle); }))
+        continue;
       if (!pieces.empty() && pieces.back().second == cuts[k]) {
         pieces.back().second = cuts[k + 1];
       } else {

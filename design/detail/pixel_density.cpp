@@ -132,9 +132,8 @@ std::vector<PixelDensity::Piece> PixelDensity::pieces_of(const std::vector<AreaB
       from = to;
     }
   }
-  std::stable_sort(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) {
-    return a.row != b.row ? a.row < b.row : a.column < b.column;
-  });
+  std::stable_sort(pieces.begin(), pieces.end(),
+                   [](const Piece& a, const Piece& b) { return a.row != b.row ? a.row < b.row : a.column < b.column; });
   return pieces;
 }
 

@@ -26,11 +26,11 @@ namespace lightmill::detail {
 
 namespace {
 
-constexpr int kDeepestUse = 16;        // of <use> and of references between gradients
-constexpr int kDeepestNesting = 512;   // of elements, well within a thread's stack
-constexpr int kMostDashes = 1000000;   // per stroke
-constexpr int kMostElements = 300000;  // drawn, counting what <use> draws again
-constexpr std::size_t kMostVertices = 3000000;   // of all that is flattened
+constexpr int kDeepestUse = 16;                 // of <use> and of references between gradients
+constexpr int kDeepestNesting = 512;            // of elements, well within a thread's stack
+constexpr int kMostDashes = 1000000;            // per stroke
+constexpr int kMostElements = 300000;           // drawn, counting what <use> draws again
+constexpr std::size_t kMostVertices = 3000000;  // of all that is flattened
 constexpr std::size_t kMostWarnings = 100;
 constexpr double kFarthest = 1e6;  // picture sizes from its centre: beyond, flattening has no meaning
 
@@ -92,10 +92,14 @@ Vec2 vec(const Geom::Point& p) {
 
 /// What editors note beside the drawing: by the address of its namespace, or by its prefix where that is an entity.
 bool is_editors(std::string_view prefix, std::string_view address) {
-  static constexpr std::array<std::string_view, 12> addresses{
-      "inkscape.org", "sodipodi", "ns.adobe.com", "w3.org/1999/02/22-rdf-syntax-ns", "creativecommons.org", "web.resource.org/cc",
-      "purl.org/dc",  "bohemiancoding.com/sketch", "serif.com", "boxy-svg.com", "vectornator.io", "figma.com"};
-  static constexpr std::array<std::string_view, 11> prefixes{"inkscape", "sodipodi", "rdf", "cc", "dc", "sketch", "serif", "i", "x", "graph", "bx"};
+  static constexpr std::array<std::string_view, 12> addresses{"inkscape.org",        "sodipodi",
+                                                              "ns.adobe.com",        "w3.org/1999/02/22-rdf-syntax-ns",
+                                                              "creativecommons.org", "web.resource.org/cc",
+                                                              "purl.org/dc",         "bohemiancoding.com/sketch",
+                                                              "serif.com",           "boxy-svg.com",
+                                                              "vectornator.io",      "figma.com"};
+  static constexpr std::array<std::string_view, 11> prefixes{"inkscape", "sodipodi", "rdf", "cc",    "dc", "sketch",
+                                                             "serif",    "i",        "x",   "graph", "bx"};
   if (!address.empty() && !address.starts_with('&')) {
     return std::any_of(addresses.begin(), addresses.end(),
                        [&](std::string_view known) { return address.find(known) != std::string_view::npos; });
@@ -112,10 +116,11 @@ class Reader {
     for (std::size_t at = 0; at < text_.size(); ++at) {
       if (text_[at] == '\n') line_ends_.push_back(at);
     }
-    const auto parsed = document_.load_buffer(text_.data(), text_.size(), pugi::parse_default | pugi::parse_ws_pcdata_single);
+    const auto parsed =
+        document_.load_buffer(text_.data(), text_.size(), pugi::parse_default | pugi::parse_ws_pcdata_single);
     if (!parsed) {
-      throw InputError(name_ + ":" + std::to_string(line_at(parsed.offset)) + ": not valid XML: " + parsed.description() +
-                       "; save the drawing again as plain SVG");
+      throw InputError(name_ + ":" + std::to_string(line_at(parsed.offset)) +
+                       ": not valid XML: " + parsed.description() + "; save the drawing again as plain SVG");
     }
     const pugi::xml_node root = document_.document_element();
     if (local_name(root) != "svg") throw InputError(name_ + ": the root element is not <svg>; give an SVG drawing");
@@ -131,13 +136,15 @@ class Reader {
   Drawing take() {
     const auto sum_up = [&](const Tally& tally, const std::string& what) {
       if (tally.count == 0) return;
-      drawing_.warnings.push_back(name_ + ":" + std::to_string(tally.first_line) + ": " + what +
-                                  (tally.count > 1 ? " (and so at " + std::to_string(tally.count - 1) + " more elements)" : ""));
+      drawing_.warnings.push_back(
+          name_ + ":" + std::to_string(tally.first_line) + ": " + what +
+          (tally.count > 1 ? " (and so at " + std::to_string(tally.count - 1) + " more elements)" : ""));
     };
     sum_up(cut_, "reaches out of the picture and is cut at its border");
     sum_up(dark_strokes_, "a black stroke is no light and takes none away; draw dark lines as filled shapes");
     if (warnings_ > kMostWarnings)
-      drawing_.warnings.push_back(name_ + ": " + std::to_string(warnings_ - kMostWarnings) + " more warnings are not listed");
+      drawing_.warnings.push_back(name_ + ": " + std::to_string(warnings_ - kMostWarnings) +
+                                  " more warnings are not listed");
     return std::move(drawing_);
   }
 
@@ -161,7 +168,8 @@ class Reader {
   }
   void count_element(const pugi::xml_node& node) {
     if (++elements_ > kMostElements)
-      refuse(node, "the drawing has over " + std::to_string(kMostElements) + " elements, counting what <use> draws again; simplify it");
+      refuse(node, "the drawing has over " + std::to_string(kMostElements) +
+                       " elements, counting what <use> draws again; simplify it");
   }
 
   /// The address that a prefix stands for at a node.
@@ -179,7 +187,8 @@ class Reader {
     if (colon == std::string::npos) return name;
     const std::string prefix = name.substr(0, colon);
     const std::string address = namespace_of(node, prefix);
-    return address == "http://www.w3.org/2000/svg" || (prefix == "svg" && address.empty()) ? name.substr(colon + 1) : name;
+    return address == "http://www.w3.org/2000/svg" || (prefix == "svg" && address.empty()) ? name.substr(colon + 1)
+                                                                                           : name;
   }
 
   /// The map from the root's user units to receiver mm, y turned upwards. The page is what a viewer shows: the view box
@@ -225,13 +234,16 @@ class Reader {
     const auto given = node.attribute("preserveAspectRatio");
     if (!given) return {};
     const auto ratio = parse_aspect_ratio(given.value());
-    if (!ratio) warn(node, std::string("preserveAspectRatio \"") + given.value() + "\" is not understood; taken as xMidYMid meet");
+    if (!ratio)
+      warn(node,
+           std::string("preserveAspectRatio \"") + given.value() + "\" is not understood; taken as xMidYMid meet");
     return ratio.value_or(AspectRatio{});
   }
 
   /// Ids and style sheets.
   void collect(const pugi::xml_node& node, int depth = 0) {
-    if (depth > kDeepestNesting) refuse(node, "elements are nested over " + std::to_string(kDeepestNesting) + " deep; ungroup the drawing");
+    if (depth > kDeepestNesting)
+      refuse(node, "elements are nested over " + std::to_string(kDeepestNesting) + " deep; ungroup the drawing");
     if (const char* id = node.attribute("id").value(); *id) ids_.emplace(id, node);
     if (node.type() == pugi::node_element && local_name(node) == "style") add_sheet(node);
     for (const auto& child : node.children()) collect(child, depth + 1);
@@ -310,7 +322,8 @@ class Reader {
       set_rule(style.clip_rule);
     } else if (property == "font-size") {
       // Words for sizes leave it; they matter only where lengths are in em.
-      if (const auto size = parse_length(value, style.font_size, style.font_size); size && *size >= 0) style.font_size = *size;
+      if (const auto size = parse_length(value, style.font_size, style.font_size); size && *size >= 0)
+        style.font_size = *size;
     } else if (property == "visibility") {
       if (value == "hidden" || value == "collapse") {
         style.visible = false;
@@ -364,7 +377,8 @@ class Reader {
         if (declaration.important == important) given[declaration.property] = declaration.value;
       }
     }
-    if (const auto size = given.find("font-size"); size != given.end()) apply_property(node, size->first, size->second, style);
+    if (const auto size = given.find("font-size"); size != given.end())
+      apply_property(node, size->first, size->second, style);
     for (const auto& [property, value] : given) {
       if (property != "font-size") apply_property(node, property, value, style);
     }
@@ -402,8 +416,9 @@ class Reader {
   void element(const pugi::xml_node& node, const Style& inherited, const Place& outer) {
     const std::string name = local_name(node);
     static constexpr std::array<std::string_view, 18> not_drawn{
-        "defs", "symbol", "title", "desc", "metadata", "linearGradient", "radialGradient", "pattern", "marker",
-        "clipPath", "mask", "filter", "style", "solidColor", "view", "font", "font-face", "color-profile"};
+        "defs",           "symbol",     "title",  "desc",     "metadata",  "linearGradient",
+        "radialGradient", "pattern",    "marker", "clipPath", "mask",      "filter",
+        "style",          "solidColor", "view",   "font",     "font-face", "color-profile"};
     if (std::find(not_drawn.begin(), not_drawn.end(), name) != not_drawn.end()) return;
     if (const std::size_t colon = name.find(':'); colon != std::string::npos) {
       const std::string prefix = name.substr(0, colon);
@@ -424,7 +439,8 @@ class Reader {
           view(node, node, style, place);
         } else if (name == "switch") {
           warn(node, "the conditions of <switch> are not understood; its first element is drawn");
-          const auto first = node.find_child([](const pugi::xml_node& child) { return child.type() == pugi::node_element; });
+          const auto first =
+              node.find_child([](const pugi::xml_node& child) { return child.type() == pugi::node_element; });
           if (first) element(first, style, place);
         } else {
           children(node, style, place);
@@ -452,11 +468,13 @@ class Reader {
   void view(const pugi::xml_node& node, const pugi::xml_node& by, const Style& style, Place place) {
     const auto side = [&](const char* name, double whole) {
       const double fallback = by == node ? whole : length(node, name, style, whole, whole);
-      return by.attribute(name) && std::string_view(by.attribute(name).value()) != "auto" ? length(by, name, style, whole) : fallback;
+      return by.attribute(name) && std::string_view(by.attribute(name).value()) != "auto"
+                 ? length(by, name, style, whole)
+                 : fallback;
     };
-    const Geom::Rect page =
-        Geom::Rect::from_xywh(by == node ? length(node, "x", style, place.view.x()) : 0,
-                              by == node ? length(node, "y", style, place.view.y()) : 0, side("width", place.view.x()), side("height", place.view.y()));
+    const Geom::Rect page = Geom::Rect::from_xywh(by == node ? length(node, "x", style, place.view.x()) : 0,
+                                                  by == node ? length(node, "y", style, place.view.y()) : 0,
+                                                  side("width", place.view.x()), side("height", place.view.y()));
     if (!(page.width() > 0 && page.height() > 0)) return;
     if (!style.overflows) {
       std::vector<Vec2> corners;
@@ -478,7 +496,8 @@ class Reader {
   [[nodiscard]] pugi::xml_node named(std::string_view address) const {
     address = trimmed(address);
     if (address.starts_with("url(") && address.ends_with(')')) address = trimmed(address.substr(4, address.size() - 5));
-    if (address.size() >= 2 && (address.front() == '"' || address.front() == '\'')) address = address.substr(1, address.size() - 2);
+    if (address.size() >= 2 && (address.front() == '"' || address.front() == '\''))
+      address = address.substr(1, address.size() - 2);
     if (!address.starts_with('#')) return {};
     const auto found = ids_.find(address.substr(1));
     return found == ids_.end() ? pugi::xml_node() : found->second;
@@ -499,7 +518,8 @@ class Reader {
       return;
     }
     ++place.uses;
-    place.to_mm = Geom::Translate(length(node, "x", style, place.view.x()), length(node, "y", style, place.view.y())) * place.to_mm;
+    place.to_mm = Geom::Translate(length(node, "x", style, place.view.x()), length(node, "y", style, place.view.y())) *
+                  place.to_mm;
     const std::string name = local_name(target);
     if (name != "symbol" && name != "svg") {
       element(target, style, place);
@@ -510,7 +530,9 @@ class Reader {
     if (!inner.displayed || !move_by_transform(target, inner, place)) return;
     inside_group(target, inner, place, [&] {
       if (name == "svg") {
-        place.to_mm = Geom::Translate(length(target, "x", inner, place.view.x()), length(target, "y", inner, place.view.y())) * place.to_mm;
+        place.to_mm =
+            Geom::Translate(length(target, "x", inner, place.view.x()), length(target, "y", inner, place.view.y())) *
+            place.to_mm;
       }
       view(target, node, inner, place);
     });
@@ -524,7 +546,8 @@ class Reader {
     return false;
   }
 
-  double length(const pugi::xml_node& node, const char* attribute, const Style& style, double whole, double fallback = 0) {
+  double length(const pugi::xml_node& node, const char* attribute, const Style& style, double whole,
+                double fallback = 0) {
     const auto given = node.attribute(attribute);
     if (!given) return fallback;
     const auto value = parse_length(given.value(), whole, style.font_size);
@@ -547,7 +570,8 @@ class Reader {
     Place within = place;
     if (std::string_view(path.attribute("clipPathUnits").value()) == "objectBoundingBox") {
       if (!bounds) {
-        warn(node, "clip-path \"" + style.clip + "\" in units of the bounding box is only understood at shapes, and ignored");
+        warn(node,
+             "clip-path \"" + style.clip + "\" in units of the bounding box is only understood at shapes, and ignored");
         return true;
       }
       within.to_mm = box_to_user(*bounds) * within.to_mm;
@@ -576,11 +600,14 @@ class Reader {
     if (name == "use") {
       const pugi::xml_node target = named(href_of(node));
       if (!target || place.uses >= kDeepestUse) {
-        warn(node, "<use> of \"" + href_of(node) + "\", which is not in this file or goes round in circles, is left out");
+        warn(node,
+             "<use> of \"" + href_of(node) + "\", which is not in this file or goes round in circles, is left out");
         return;
       }
       ++place.uses;
-      place.to_mm = Geom::Translate(length(node, "x", style, place.view.x()), length(node, "y", style, place.view.y())) * place.to_mm;
+      place.to_mm =
+          Geom::Translate(length(node, "x", style, place.view.x()), length(node, "y", style, place.view.y())) *
+          place.to_mm;
       clip_part(target, style, place, clip);
       return;
     }
@@ -605,14 +632,17 @@ class Reader {
       std::string_view text = given.value();
       const auto value = take_number(text);
       if (!value || !trimmed(text).empty() || *value < 0) {
-        warn(node, std::string("data-flux \"") + given.value() + "\" is not a number of at least 0; the point is left out");
+        warn(node,
+             std::string("data-flux \"") + given.value() + "\" is not a number of at least 0; the point is left out");
         return;
       }
       flux = *value;
     }
     flux *= style.opacity * place.opacity;
     if (!style.visible || flux == 0) return;
-    const Vec2 at = vec(Geom::Point(length(node, "cx", style, place.view.x()), length(node, "cy", style, place.view.y())) * place.to_mm);
+    const Vec2 at =
+        vec(Geom::Point(length(node, "cx", style, place.view.x()), length(node, "cy", style, place.view.y())) *
+            place.to_mm);
     if (!shows(at, place)) return;
     if (!picture_.contains(at)) {
       warn(node, "a point lies outside the picture and is left out");
@@ -754,7 +784,8 @@ class Reader {
   }
 
   /// All of a shape; nothing, with a warning, when it leads nowhere near the picture.
-  std::optional<std::vector<Flattened>> flatten_all(const pugi::xml_node& node, const Geom::PathVector& paths, const Geom::Affine& to_mm) {
+  std::optional<std::vector<Flattened>> flatten_all(const pugi::xml_node& node, const Geom::PathVector& paths,
+                                                    const Geom::Affine& to_mm) {
     const double farthest = kFarthest * picture_.size().maxCoeff();
     const auto bounds = paths.boundsFast();
     for (int k = 0; bounds && k < 4; ++k) {
@@ -850,7 +881,8 @@ class Reader {
       if (given("fy")) gradient.from.y() = coordinate("fy", "", view.y());
       gradient.radius = coordinate("r", "50%", diagonal(view));
       const double off = (gradient.from - gradient.to).norm();
-      if (const double most = 0.99 * gradient.radius; off > most) gradient.from = gradient.to + most / off * (gradient.from - gradient.to);
+      if (const double most = 0.99 * gradient.radius; off > most)
+        gradient.from = gradient.to + most / off * (gradient.from - gradient.to);
       if (coordinate("fr", "0", diagonal(view)) > 0) warn(node, "the focal radius fr is not understood; taken as 0");
     } else {
       gradient.from = {coordinate("x1", "0%", view.x()), coordinate("y1", "0%", view.y())};
@@ -1039,13 +1071,15 @@ class Reader {
       }
     }
     const double slack = 1e-6 * picture_.size().maxCoeff();
-    if (lit && place.clips.empty() && ((box.min.array() < picture_.min.array() - slack).any() || (box.max.array() > picture_.max.array() + slack).any())) {
+    if (lit && place.clips.empty() &&
+        ((box.min.array() < picture_.min.array() - slack).any() ||
+         (box.max.array() > picture_.max.array() + slack).any())) {
       cut_.note(line_at(node.offset_debug()));
     }
   }
 
-  void add_strokes(const pugi::xml_node& node, const Style& style, const Place& place, const std::vector<Flattened>& flattened,
-                   const std::vector<bool>& closed, double density) {
+  void add_strokes(const pugi::xml_node& node, const Style& style, const Place& place,
+                   const std::vector<Flattened>& flattened, const std::vector<bool>& closed, double density) {
     const auto profiles = flux_profiles(node, flattened, closed);
     std::vector<double> pattern = dash_pattern(node, style, place.view);
     auto offset = parse_length(style.dash_offset, diagonal(place.view), style.font_size);
@@ -1062,7 +1096,8 @@ class Reader {
       }
     }
     std::vector<CurveLight> curves;
-    const bool dots = std::any_of(flattened.begin(), flattened.end(), [](const Flattened& flat) { return flat.along.back() == 0; });
+    const bool dots =
+        std::any_of(flattened.begin(), flattened.end(), [](const Flattened& flat) { return flat.along.back() == 0; });
     const bool dark_dashes = !pattern.empty() && [&] {
       for (std::size_t k = 0; k < pattern.size(); k += 2) {
         if (pattern[k] > 0) return false;
@@ -1092,7 +1127,6 @@ class Reader {
     }
   }
 
-
   std::string text_;
   std::vector<std::size_t> line_ends_;
   std::string name_;
@@ -1113,7 +1147,8 @@ class Reader {
 
 }  // namespace
 
-Drawing parse_drawing(std::string text, const std::string& name, const Vec2& size_mm, ViewedFrom viewed_from, DrawingUse use) {
+Drawing parse_drawing(std::string text, const std::string& name, const Vec2& size_mm, ViewedFrom viewed_from,
+                      DrawingUse use) {
   return Reader(std::move(text), name, size_mm, viewed_from, use).take();
 }
 

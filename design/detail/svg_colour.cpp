@@ -239,7 +239,8 @@ std::optional<Colour> parse_colour(std::string_view text) {
       const double saturation = std::clamp(v[1], 0.0, 1.0);
       const double lightness = std::clamp(v[2], 0.0, 1.0);
       const double k = std::fmod(std::fmod(n + v[0] / 30, 12) + 12, 12);
-      return lightness - saturation * std::min(lightness, 1 - lightness) * std::max(-1.0, std::min({k - 3, 9 - k, 1.0}));
+      return lightness -
+             saturation * std::min(lightness, 1 - lightness) * std::max(-1.0, std::min({k - 3, 9 - k, 1.0}));
     };
     return Colour{channel(0), channel(8), channel(4), opacity};
   }

@@ -36,7 +36,8 @@ Colour colour_at(const std::vector<Gradient::Stop>& stops, double t) {
 Band mean(const Gradient& gradient, double t0, double t1) {
   double shown = 0;
   double opacity = 0;
-  for (const auto& [place, weight] : {std::pair(-std::sqrt(0.6), 5.0 / 18), std::pair(0.0, 8.0 / 18), std::pair(std::sqrt(0.6), 5.0 / 18)}) {
+  for (const auto& [place, weight] :
+       {std::pair(-std::sqrt(0.6), 5.0 / 18), std::pair(0.0, 8.0 / 18), std::pair(std::sqrt(0.6), 5.0 / 18)}) {
     const Colour colour = colour_at(gradient.stops, folded(t0 + (t1 - t0) * (0.5 + 0.5 * place), gradient.spread));
     shown += weight * colour.opacity * colour.light();
     opacity += weight * colour.opacity;
@@ -108,7 +109,8 @@ std::vector<Band> radial_bands(const Gradient& gradient, const Box2& box_mm) {
   const auto circle = [&](double t) {
     const Vec2 centre = gradient.from + t * (gradient.to - gradient.from);
     const double radius_mm = std::max(t * gradient.radius * stretch, 2 * kFlatteningTolerance_mm);
-    const int sides = std::clamp(static_cast<int>(std::ceil(kPi / std::acos(1 - kFlatteningTolerance_mm / radius_mm))), 8, 4096);
+    const int sides =
+        std::clamp(static_cast<int>(std::ceil(kPi / std::acos(1 - kFlatteningTolerance_mm / radius_mm))), 8, 4096);
     std::vector<Vec2> outline;
     for (int k = 0; k < sides; ++k) {
       const double angle = 2 * kPi * k / sides;

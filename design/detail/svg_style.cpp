@@ -34,19 +34,75 @@ bool is_name(std::string_view text) {
 bool is_known_property(std::string_view name) {
   // Those that the reader handles or warns of by their value, and those that do not matter: strokes are lines without
   // ends or corners, and text is not drawn.
-  static constexpr std::string_view known[] = {
-      "fill", "stroke", "color", "stroke-width", "fill-opacity", "stroke-opacity", "opacity", "fill-rule", "clip-rule",
-      "visibility", "display", "clip-path", "mask", "filter", "stroke-dasharray", "stroke-dashoffset", "marker",
-      "marker-start", "marker-mid", "marker-end", "mix-blend-mode", "vector-effect", "transform", "overflow", "stop-color",
-      "stop-opacity", "color-interpolation", "stroke-linecap", "stroke-linejoin", "stroke-miterlimit", "paint-order",
-      "isolation", "enable-background", "shape-rendering", "image-rendering", "text-rendering", "color-rendering",
-      "color-interpolation-filters", "color-profile", "cursor", "pointer-events", "will-change", "solid-color",
-      "solid-opacity", "flood-color", "flood-opacity", "lighting-color", "letter-spacing", "word-spacing", "line-height",
-      "writing-mode", "direction", "unicode-bidi", "dominant-baseline", "alignment-baseline", "baseline-shift", "kerning",
-      "white-space", "shape-padding", "shape-margin", "inline-size", "user-select", "background", "background-color"};
-  static constexpr std::string_view families[] = {"font", "text-", "glyph-", "-inkscape-", "-webkit-", "-moz-", "-ms-", "--"};
+  static constexpr std::string_view known[] = {"fill",
+                                               "stroke",
+                                               "color",
+                                               "stroke-width",
+                                               "fill-opacity",
+                                               "stroke-opacity",
+                                               "opacity",
+                                               "fill-rule",
+                                               "clip-rule",
+                                               "visibility",
+                                               "display",
+                                               "clip-path",
+                                               "mask",
+                                               "filter",
+                                               "stroke-dasharray",
+                                               "stroke-dashoffset",
+                                               "marker",
+                                               "marker-start",
+                                               "marker-mid",
+                                               "marker-end",
+                                               "mix-blend-mode",
+                                               "vector-effect",
+                                               "transform",
+                                               "overflow",
+                                               "stop-color",
+                                               "stop-opacity",
+                                               "color-interpolation",
+                                               "stroke-linecap",
+                                               "stroke-linejoin",
+                                               "stroke-miterlimit",
+                                               "paint-order",
+                                               "isolation",
+                                               "enable-background",
+                                               "shape-rendering",
+                                               "image-rendering",
+                                               "text-rendering",
+                                               "color-rendering",
+                                               "color-interpolation-filters",
+                                               "color-profile",
+                                               "cursor",
+                                               "pointer-events",
+                                               "will-change",
+                                               "solid-color",
+                                               "solid-opacity",
+                                               "flood-color",
+                                               "flood-opacity",
+                                               "lighting-color",
+                                               "letter-spacing",
+                                               "word-spacing",
+                                               "line-height",
+                                               "writing-mode",
+                                               "direction",
+                                               "unicode-bidi",
+                                               "dominant-baseline",
+                                               "alignment-baseline",
+                                               "baseline-shift",
+                                               "kerning",
+                                               "white-space",
+                                               "shape-padding",
+                                               "shape-margin",
+                                               "inline-size",
+                                               "user-select",
+                                               "background",
+                                               "background-color"};
+  static constexpr std::string_view families[] = {"font",     "text-", "glyph-", "-inkscape-",
+                                                  "-webkit-", "-moz-", "-ms-",   "--"};
   return std::find(std::begin(known), std::end(known), name) != std::end(known) ||
-         std::any_of(std::begin(families), std::end(families), [&](std::string_view family) { return name.starts_with(family); });
+         std::any_of(std::begin(families), std::end(families),
+                     [&](std::string_view family) { return name.starts_with(family); });
 }
 
 std::vector<Declaration> parse_declarations(std::string_view css, const StyleComplaint& complain) {
@@ -72,10 +128,12 @@ std::vector<Declaration> parse_declarations(std::string_view css, const StyleCom
       if (is_known_property(declaration.property)) {
         declarations.push_back(std::move(declaration));
       } else {
-        complain(at + text.find(trimmed(text)), "property \"" + declaration.property + "\" is not understood and ignored");
+        complain(at + text.find(trimmed(text)),
+                 "property \"" + declaration.property + "\" is not understood and ignored");
       }
     } else if (!trimmed(text).empty()) {
-      complain(at + text.find(trimmed(text)), "style \"" + std::string(trimmed(text)) + "\" is not understood and ignored");
+      complain(at + text.find(trimmed(text)),
+               "style \"" + std::string(trimmed(text)) + "\" is not understood and ignored");
     }
     at = end + 1;
   }
@@ -100,14 +158,17 @@ void StyleSheet::add(std::string_view css, const StyleComplaint& complain) {
           depth += plain[end] == '{' ? 1 : plain[end] == '}' ? -1 : 0;
       }
       const std::string_view head = std::string_view(plain).substr(at, std::min(open, plain.size()) - at);
-      const bool of_text_only = head.starts_with("@charset") || head.starts_with("@namespace") || head.starts_with("@font-face");
-      if (!of_text_only) complain(at, "style rule \"" + std::string(trimmed(head)) + "\" is not understood and ignored");
+      const bool of_text_only =
+          head.starts_with("@charset") || head.starts_with("@namespace") || head.starts_with("@font-face");
+      if (!of_text_only)
+        complain(at, "style rule \"" + std::string(trimmed(head)) + "\" is not understood and ignored");
       at = end;
       continue;
     }
     if (open == std::string::npos || plain[open] == ';') {
       const std::size_t end = open == std::string::npos ? plain.size() : open + 1;
-      complain(at, "style rule \"" + std::string(trimmed(std::string_view(plain).substr(at, std::min<std::size_t>(end - at, 60)))) +
+      complain(at, "style rule \"" +
+                       std::string(trimmed(std::string_view(plain).substr(at, std::min<std::size_t>(end - at, 60)))) +
                        "\" has no block and is ignored");
       at = end;
       continue;

@@ -18,7 +18,8 @@ struct Declaration {
 /// Called with what is not understood and where in the text it stands.
 using StyleComplaint = std::function<void(std::size_t offset, const std::string& what)>;
 
-/// Whether a property changes what is drawn in a way we know, or does not change it. Other properties are not understood.
+/// Whether a property changes what is drawn in a way we know, or does not change it. Other properties are not
+/// understood.
 bool is_known_property(std::string_view name);
 
 /// "property: value; ..." as in a style attribute; without properties that are not understood.

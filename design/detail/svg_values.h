@@ -26,7 +26,8 @@ std::optional<std::vector<double>> numbers_of(std::string_view text);
 /// A length in user units; a percentage is of `whole`, an em is `font_size`.
 std::optional<double> parse_length(std::string_view text, double whole, double font_size = 16);
 
-/// The transform attribute [SVG 1.1, sec. 7.6] or what CSS writes for it in px and angles; nothing when it is not well formed.
+/// The transform attribute [SVG 1.1, sec. 7.6] or what CSS writes for it in px and angles; nothing when it is not well
+/// formed.
 std::optional<Geom::Affine> parse_transform(std::string_view text);
 
 /// How a view box is fitted into a rectangle [SVG 1.1, sec. 7.8].

@@ -38,13 +38,14 @@ class DrawingFixture : public ::testing::Test {
   /// The same of 200 x 100 user units, with a body that begins on line 2.
   TargetSpec drawing(const std::string& body) const {
     return whole(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" xmlns:xlink=\"http://www.w3.org/1999/xlink\" viewBox=\"0 0 200 100\">\n" +
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" xmlns:xlink=\"http://www.w3.org/1999/xlink\" viewBox=\"0 0 200 "
+        "100\">\n" +
         body + "\n</svg>\n");
   }
   /// Light of `body`, drawn in the right half, in units of white area [mm^2], against a white square in the left half.
   double light_of(const std::string& body) const {
-    const TargetLight target =
-        load_target(drawing("<rect x=\"13.3\" y=\"27.1\" width=\"40\" height=\"40\" style=\"fill:white !important\"/>" + body));
+    const TargetLight target = load_target(
+        drawing("<rect x=\"13.3\" y=\"27.1\" width=\"40\" height=\"40\" style=\"fill:white !important\"/>" + body));
     const Grid<double> halves = rasterise_area(target, 2, 1);
     return halves.at(1, 0) / halves.at(0, 0) * 1600;
   }

@@ -19,15 +19,17 @@ using Polygon = std::vector<Vec2>;
 
 TargetLight light_of(const std::string& body) {
   const Vec2 size(200, 100);
-  const detail::Drawing drawing =
-      detail::parse_drawing("<svg viewBox=\"0 0 200 100\" fill=\"white\">" + body + "</svg>", "drawing", size, ViewedFrom::kBehind);
+  const detail::Drawing drawing = detail::parse_drawing(
+      "<svg viewBox=\"0 0 200 100\" fill=\"white\">" + body + "</svg>", "drawing", size, ViewedFrom::kBehind);
   TargetLight target;
   target.extent = Box2::centred(size);
   target.area_borders = detail::borders_of(drawing.shapes, target.extent);
   target.curves = drawing.strokes;
   return target;
 }
-double area_of(const std::string& body) { return light_of(body).area_total(); }
+double area_of(const std::string& body) {
+  return light_of(body).area_total();
+}
 
 std::string text_of(double value) {
   std::ostringstream text;
@@ -41,14 +43,17 @@ std::string data_of(const Polygon& polygon, bool closed = true) {
     data += (k == 0 ? "M" : "L") + text_of(polygon[k].x()) + " " + text_of(polygon[k].y());
   return data + (closed ? "Z" : "");
 }
-std::string path_of(const std::string& data, const std::string& more = "") { return "<path d=\"" + data + "\" " + more + "/>"; }
+std::string path_of(const std::string& data, const std::string& more = "") {
+  return "<path d=\"" + data + "\" " + more + "/>";
+}
 
 /// Corners anywhere, or on a coarse lattice where edges meet and coincide.
 Polygon any_polygon(const Vec2& low, const Vec2& high) {
   const int steps = *rc::gen::element(8, 100000);
   Polygon polygon(*rc::gen::inRange(3, 9));
   for (Vec2& p : polygon) {
-    for (int axis = 0; axis < 2; ++axis) p[axis] = low[axis] + (high[axis] - low[axis]) * *rc::gen::inRange(0, steps + 1) / steps;
+    for (int axis = 0; axis < 2; ++axis)
+      p[axis] = low[axis] + (high[axis] - low[axis]) * *rc::gen::inRange(0, steps + 1) / steps;
   }
   return polygon;
 }
@@ -65,8 +70,8 @@ TEST(DrawingLaws, AffineMapsScaleLightByTheirDeterminant) {
     const std::string rule = *rc::gen::element<std::string>("evenodd", "nonzero");
     const std::string path = path_of(data_of(polygon), "fill-rule=\"" + rule + "\"");
     const double before = area_of("<g transform=\"translate(100 50)\">" + path + "</g>");
-    const double after = area_of("<g transform=\"matrix(" + text_of(m[0]) + " " + text_of(m[1]) + " " + text_of(m[2]) + " " +
-                                 text_of(m[3]) + " 100 50)\">" + path + "</g>");
+    const double after = area_of("<g transform=\"matrix(" + text_of(m[0]) + " " + text_of(m[1]) + " " + text_of(m[2]) +
+                                 " " + text_of(m[3]) + " 100 50)\">" + path + "</g>");
     RC_ASSERT(std::abs(after - std::abs(m[0] * m[3] - m[1] * m[2]) * before) < 1e-9);
   }));
   EXPECT_TRUE(rc::check("curves, to the flattening tolerance", [] {
@@ -77,8 +82,10 @@ TEST(DrawingLaws, AffineMapsScaleLightByTheirDeterminant) {
     const double turn = *rc::gen::inRange(0, 360);
     const double scale = *rc::gen::inRange(100, 2000) / 1000.0;
     const double before = area_of("<g transform=\"translate(100 50)\">" + path_of(data) + "</g>");
-    const double after = area_of("<g transform=\"translate(100 50)rotate(" + text_of(turn) + ")scale(" + text_of(scale) + ")\">" + path_of(data) + "</g>");
-    RC_ASSERT(std::abs(after - scale * scale * before) < 300 * detail::kFlatteningTolerance_mm * std::max(1.0, scale * scale));
+    const double after = area_of("<g transform=\"translate(100 50)rotate(" + text_of(turn) + ")scale(" +
+                                 text_of(scale) + ")\">" + path_of(data) + "</g>");
+    RC_ASSERT(std::abs(after - scale * scale * before) <
+              300 * detail::kFlatteningTolerance_mm * std::max(1.0, scale * scale));
   }));
 }
 
@@ -101,8 +108,9 @@ TEST(DrawingLaws, WindingRulesCountAsTheyShould) {
                                 path_of(data_of(a), "fill-rule=\"evenodd\" clip-path=\"url(#c)\""));
     RC_ASSERT(std::abs(area_of(shape(a, b, "evenodd")) - (odd(a) + odd(b) - 2 * both)) < tolerance);
     // Two white shapes are their union.
-    RC_ASSERT(std::abs(area_of(path_of(data_of(a), "fill-rule=\"evenodd\"") + path_of(data_of(b), "fill-rule=\"evenodd\"")) -
-                       (odd(a) + odd(b) - both)) < tolerance);
+    RC_ASSERT(
+        std::abs(area_of(path_of(data_of(a), "fill-rule=\"evenodd\"") + path_of(data_of(b), "fill-rule=\"evenodd\"")) -
+                 (odd(a) + odd(b) - both)) < tolerance);
   }));
 }
 
@@ -110,34 +118,78 @@ TEST(DrawingLaws, SplittingAPathKeepsItsLight) {
   EXPECT_TRUE(rc::check("fills and strokes", [] {
     const Polygon a = any_polygon({10, 10}, {90, 90});
     const Polygon b = any_polygon({110, 10}, {190, 90});
-    RC_ASSERT(std::abs(area_of(path_of(data_of(a) + data_of(b))) - area_of(path_of(data_of(a)) + path_of(data_of(b)))) < 1e-9);
+    RC_ASSERT(std::abs(area_of(path_of(data_of(a) + data_of(b))) - area_of(path_of(data_of(a)) + path_of(data_of(b)))) <
+              1e-9);
     const std::string stroke = "stroke=\"white\" fill=\"none\" stroke-width=\"0.7\"";
     const std::size_t at = *rc::gen::inRange<std::size_t>(1, a.size());
     const Polygon first(a.begin(), a.begin() + static_cast<std::ptrdiff_t>(at) + 1 - (at + 1 > a.size() ? 1 : 0));
     const Polygon second(a.begin() + static_cast<std::ptrdiff_t>(at), a.end());
     const double whole = light_of(path_of(data_of(a, false), stroke)).curve_total();
-    RC_ASSERT(std::abs(light_of(path_of(data_of(first, false) + data_of(second, false), stroke)).curve_total() - whole) < 1e-9);
+    RC_ASSERT(std::abs(light_of(path_of(data_of(first, false) + data_of(second, false), stroke)).curve_total() -
+                       whole) < 1e-9);
   }));
 }
 
 /// Text that is almost a drawing: bytes, slices and numbers of a real one changed.
 std::string mutated(std::string text, std::mt19937& random) {
-  static const std::vector<std::string> bits{"1e308", "-1e-308", "0", "-1", "1e9", "nan", "99999999999", "\"", "<", ">", "/>", "<g>", "</g>", "&#0;", "&",
-                                             "url(#a)", "evenodd", "none", "Z", "A", "M", "C 1 1", "opacity=\"0.5\"", "transform=\"scale(1e5)\"",
-                                             "<use href=\"#a\"/>", "{", "}", ":", ";", "%", "em", "\xff\xfe", "<!--", "]]>", "stroke-dasharray=\"1e-7\""};
+  static const std::vector<std::string> bits{"1e308",
+                                             "-1e-308",
+                                             "0",
+                                             "-1",
+                                             "1e9",
+                                             "nan",
+                                             "99999999999",
+                                             "\"",
+                                             "<",
+                                             ">",
+                                             "/>",
+                                             "<g>",
+                                             "</g>",
+                                             "&#0;",
+                                             "&",
+                                             "url(#a)",
+                                             "evenodd",
+                                             "none",
+                                             "Z",
+                                             "A",
+                                             "M",
+                                             "C 1 1",
+                                             "opacity=\"0.5\"",
+                                             "transform=\"scale(1e5)\"",
+                                             "<use href=\"#a\"/>",
+                                             "{",
+                                             "}",
+                                             ":",
+                                             ";",
+                                             "%",
+                                             "em",
+                                             "\xff\xfe",
+                                             "<!--",
+                                             "]]>",
+                                             "stroke-dasharray=\"1e-7\""};
   const auto below = [&](std::size_t n) { return std::uniform_int_distribution<std::size_t>(0, n - 1)(random); };
   const std::size_t changes = 1 + below(4);
   for (std::size_t k = 0; k < changes && !text.empty(); ++k) {
     const std::size_t at = below(text.size());
     const std::size_t length = 1 + below(30);
     switch (below(5)) {
-      case 0: text[at] = static_cast<char>(below(256)); break;
-      case 1: text.erase(at, length); break;
-      case 2: text.insert(below(text.size()), text.substr(at, length)); break;
-      case 3: text.insert(at, bits[below(bits.size())]); break;
+      case 0:
+        text[at] = static_cast<char>(below(256));
+        break;
+      case 1:
+        text.erase(at, length);
+        break;
+      case 2:
+        text.insert(below(text.size()), text.substr(at, length));
+        break;
+      case 3:
+        text.insert(at, bits[below(bits.size())]);
+        break;
       default: {
         const std::size_t digit = text.find_first_of("0123456789", at);
-        if (digit != std::string::npos) text.replace(digit, std::min(text.find_first_not_of("0123456789.", digit), text.size()) - digit, bits[below(7)]);
+        if (digit != std::string::npos)
+          text.replace(digit, std::min(text.find_first_not_of("0123456789.", digit), text.size()) - digit,
+                       bits[below(7)]);
       }
     }
   }

@@ -37,7 +37,8 @@ class ImageTest : public DrawingFixture {
     if (values.empty()) values = codes(channels.size());
     const fs::path path = folder_ / name;
     const auto out = OIIO::ImageOutput::create(path.string());
-    EXPECT_TRUE(out && out->open(path.string(), spec) && out->write_image(OIIO::TypeDesc::FLOAT, values.data()) && out->close())
+    EXPECT_TRUE(out && out->open(path.string(), spec) && out->write_image(OIIO::TypeDesc::FLOAT, values.data()) &&
+                out->close())
         << name << OIIO::geterror();
     return path;
   }
@@ -68,8 +69,9 @@ TEST_F(ImageTest, EveryDepthAndLayoutIsItsLight) {
     TypeDesc type;
     double accuracy;
   };
-  for (const Kind& kind : {Kind{"a.png", TypeDesc::UINT8, 2e-6}, Kind{"b.png", TypeDesc::UINT16, 2e-5}, Kind{"a.tif", TypeDesc::UINT8, 2e-6},
-                           Kind{"b.tif", TypeDesc::UINT16, 2e-5}, Kind{"c.tif", TypeDesc::UINT32, 1e-6}, Kind{"d.tif", TypeDesc::FLOAT, 1e-6},
+  for (const Kind& kind : {Kind{"a.png", TypeDesc::UINT8, 2e-6}, Kind{"b.png", TypeDesc::UINT16, 2e-5},
+                           Kind{"a.tif", TypeDesc::UINT8, 2e-6}, Kind{"b.tif", TypeDesc::UINT16, 2e-5},
+                           Kind{"c.tif", TypeDesc::UINT32, 1e-6}, Kind{"d.tif", TypeDesc::FLOAT, 1e-6},
                            Kind{"e.exr", TypeDesc::HALF, 1e-3}, Kind{"f.exr", TypeDesc::FLOAT, 1e-6}}) {
     for (const auto& channels : {gray, gray_alpha, rgb, rgba}) {
       const std::size_t n = channels.size();
@@ -82,7 +84,8 @@ TEST_F(ImageTest, EveryDepthAndLayoutIsItsLight) {
       for (int i = 0; i < 6; ++i) {
         const float* pixel = &values[i * n];
         const auto linear = [&](double code) { return kind.type == TypeDesc::UINT8 ? srgb_to_linear(code) : code; };
-        double light = n <= 2 ? linear(pixel[0]) : 0.2126 * linear(pixel[0]) + 0.7152 * linear(pixel[1]) + 0.0722 * linear(pixel[2]);
+        double light = n <= 2 ? linear(pixel[0])
+                              : 0.2126 * linear(pixel[0]) + 0.7152 * linear(pixel[1]) + 0.0722 * linear(pixel[2]);
         if (n % 2 == 0 && !premultiplied) light *= pixel[n - 1];
         EXPECT_NEAR(picture.gray.values[i], light, kind.accuracy) << kind.name << ", " << n << " channels, pixel " << i;
       }
@@ -99,7 +102,8 @@ TEST_F(ImageTest, TheTransferCanBeSaid) {
 }
 
 TEST_F(ImageTest, TransparentIsBlack) {
-  const auto path = file("a.png", OIIO::TypeDesc::UINT8, {"R", "G", "B", "A"}, {}, std::vector<float>{1, 1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 0.2F, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1, 1, 0});
+  const auto path = file("a.png", OIIO::TypeDesc::UINT8, {"R", "G", "B", "A"}, {},
+                         std::vector<float>{1, 1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 0.2F, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1, 1, 0});
   const Picture picture = read_picture(path);
   const std::vector<float> wanted{0, 1, 0.2F, 0, 0, 0};
   for (int k = 0; k < 6; ++k) EXPECT_NEAR(picture.gray.values[k], wanted[k], 1e-6);
@@ -109,13 +113,16 @@ TEST_F(ImageTest, AFileIsTurnedAsItAsks) {
   // Where the stored first row and first column are seen [TIFF 6.0, Orientation].
   const auto codes = this->codes(1);
   for (int orientation = 1; orientation <= 8; ++orientation) {
-    const auto path = file("a.tif", OIIO::TypeDesc::FLOAT, {"Y"}, [&](OIIO::ImageSpec& spec) { spec.attribute("Orientation", orientation); });
+    const auto path = file("a.tif", OIIO::TypeDesc::FLOAT, {"Y"},
+                           [&](OIIO::ImageSpec& spec) { spec.attribute("Orientation", orientation); });
     const Grid<float> seen = read_picture(path).gray;
     ASSERT_EQ(seen.width, orientation < 5 ? 3 : 2);
     const int right = seen.width - 1;
     const int bottom = seen.height - 1;
-    const Vec2 first = std::vector<Vec2>{{0, 0}, {right, 0}, {right, bottom}, {0, bottom}, {0, 0}, {right, 0}, {right, bottom}, {0, bottom}}[orientation - 1];
-    const Vec2 along = std::vector<Vec2>{{1, 0}, {-1, 0}, {-1, 0}, {1, 0}, {0, 1}, {0, 1}, {0, -1}, {0, -1}}[orientation - 1];
+    const Vec2 first = std::vector<Vec2>{{0, 0}, {right, 0}, {right, bottom}, {0, bottom},
+                                         {0, 0}, {right, 0}, {right, bottom}, {0, bottom}}[orientation - 1];
+    const Vec2 along =
+        std::vector<Vec2>{{1, 0}, {-1, 0}, {-1, 0}, {1, 0}, {0, 1}, {0, 1}, {0, -1}, {0, -1}}[orientation - 1];
     for (int k = 0; k < 3; ++k) {
       const Vec2 at = first + k * along;
       EXPECT_EQ(seen.at(int(at.x()), int(at.y())), codes[k]) << orientation;
@@ -140,8 +147,10 @@ TEST_F(ImageTest, ADataWindowLiesInItsDisplayWindow) {
 }
 
 TEST_F(ImageTest, OddChannelsAreSaidOrRefused) {
-  EXPECT_THAT(complaint(file("a.exr", OIIO::TypeDesc::FLOAT, {"X", "Y", "Z"})), HasSubstr("3 channels (X, Y, Z), which is neither gray nor RGB"));
-  EXPECT_THAT(complaint(file("b.tif", OIIO::TypeDesc::FLOAT, {"a", "b", "c", "d", "e"})), AnyOf(HasSubstr("no complaint"), HasSubstr("5 channels")));
+  EXPECT_THAT(complaint(file("a.exr", OIIO::TypeDesc::FLOAT, {"X", "Y", "Z"})),
+              HasSubstr("3 channels (X, Y, Z), which is neither gray nor RGB"));
+  EXPECT_THAT(complaint(file("b.tif", OIIO::TypeDesc::FLOAT, {"a", "b", "c", "d", "e"})),
+              AnyOf(HasSubstr("no complaint"), HasSubstr("5 channels")));
   const auto extra = read_picture(file("c.exr", OIIO::TypeDesc::FLOAT, {"R", "G", "B", "A", "Z"}));
   ASSERT_EQ(extra.warnings.size(), 1U);
   EXPECT_THAT(extra.warnings[0], HasSubstr("of its 5 channels only R, G, B and alpha"));
@@ -152,20 +161,26 @@ TEST_F(ImageTest, BadValuesAreNamedWithTheirPlace) {
     auto values = codes(3);
     values[3 * 4 + 1] = bad;
     for (const char* name : {"a.exr", "a.tif"}) {
-      EXPECT_THAT(complaint(file(name, OIIO::TypeDesc::FLOAT, {"R", "G", "B"}, {}, values)), HasSubstr("column 1, row 1")) << bad;
+      EXPECT_THAT(complaint(file(name, OIIO::TypeDesc::FLOAT, {"R", "G", "B"}, {}, values)),
+                  HasSubstr("column 1, row 1"))
+          << bad;
     }
   }
 }
 
 TEST_F(ImageTest, FilesThatAreCutShortAreRefused) {
-  for (const auto& [name, type] : std::initializer_list<std::pair<const char*, OIIO::TypeDesc>>{
-           {"a.png", OIIO::TypeDesc::UINT8}, {"a.tif", OIIO::TypeDesc::UINT16}, {"a.exr", OIIO::TypeDesc::HALF}, {"a.jpg", OIIO::TypeDesc::UINT8}}) {
+  for (const auto& [name, type] :
+       std::initializer_list<std::pair<const char*, OIIO::TypeDesc>>{{"a.png", OIIO::TypeDesc::UINT8},
+                                                                     {"a.tif", OIIO::TypeDesc::UINT16},
+                                                                     {"a.exr", OIIO::TypeDesc::HALF},
+                                                                     {"a.jpg", OIIO::TypeDesc::UINT8}}) {
     OIIO::ImageSpec spec(200, 150, 3, type);
     const fs::path path = folder_ / name;
     std::vector<float> values(200 * 150 * 3);
     for (std::size_t k = 0; k < values.size(); ++k) values[k] = static_cast<float>(k * 2654435761U % 1000) / 1000;
     const auto out = OIIO::ImageOutput::create(path.string());
-    ASSERT_TRUE(out->open(path.string(), spec) && out->write_image(OIIO::TypeDesc::FLOAT, values.data()) && out->close());
+    ASSERT_TRUE(out->open(path.string(), spec) && out->write_image(OIIO::TypeDesc::FLOAT, values.data()) &&
+                out->close());
     EXPECT_EQ(complaint(path), "no complaint");
     const auto whole = fs::file_size(path);
     for (const auto size : {whole * 2 / 3, whole / 2, std::uintmax_t{30}, std::uintmax_t{0}}) {
@@ -183,7 +198,8 @@ TEST_F(ImageTest, OnePixelIsAPicture) {
   EXPECT_EQ(target.area_flux.values, std::vector<double>{1});
   EXPECT_THAT(target.warnings, IsEmpty());
   spec.size_mm = {30, 20};
-  EXPECT_THAT(load_target(spec).warnings, testing::ElementsAre(HasSubstr("one.pgm of 1 x 1 pixels is stretched onto 30 x 20 mm")));
+  EXPECT_THAT(load_target(spec).warnings,
+              testing::ElementsAre(HasSubstr("one.pgm of 1 x 1 pixels is stretched onto 30 x 20 mm")));
 }
 
 }  // namespace

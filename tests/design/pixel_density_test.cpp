@@ -39,7 +39,8 @@ struct Scene {
           if (a.x() + (p.y() - a.y()) / (b.y() - a.y()) * (b.x() - a.x()) < p.x()) winding += a.y() < b.y() ? 1 : -1;
         }
       }
-      if (fill.shape.rule == FillRule::kNonZero ? winding != 0 : winding % 2 != 0) sum += fill.opacity * (fill.light - sum);
+      if (fill.shape.rule == FillRule::kNonZero ? winding != 0 : winding % 2 != 0)
+        sum += fill.opacity * (fill.light - sum);
     }
     const Vec2 pitch = extent.size().cwiseQuotient(Vec2(flux.width, flux.height));
     const Vec2 at = (p - extent.min).cwiseQuotient(pitch);
@@ -75,8 +76,8 @@ struct Truth {
   Vec2 moment{0, 0};
 };
 
-/// Integral over a polygon, line by line: between the heights where anything begins, ends or crosses, it is a polynomial
-/// in y that three places of Gauss see exactly.
+/// Integral over a polygon, line by line: between the heights where anything begins, ends or crosses, it is a
+/// polynomial in y that three places of Gauss see exactly.
 Truth integral(const Scene& scene, const Polygon& cell) {
   auto segments = scene.segments();
   const std::size_t of_scene = segments.size();
@@ -100,7 +101,8 @@ Truth integral(const Scene& scene, const Polygon& cell) {
   for (std::size_t l = 0; l + 1 < heights.size(); ++l) {
     const double step = heights[l + 1] - heights[l];
     if (step < 1e-13) continue;
-    for (const auto& [t, weight] : {std::pair(-std::sqrt(0.6), 5.0 / 18), std::pair(0.0, 8.0 / 18), std::pair(std::sqrt(0.6), 5.0 / 18)}) {
+    for (const auto& [t, weight] :
+         {std::pair(-std::sqrt(0.6), 5.0 / 18), std::pair(0.0, 8.0 / 18), std::pair(std::sqrt(0.6), 5.0 / 18)}) {
       const double y = heights[l] + step * (0.5 + 0.5 * t);
       std::vector<double> xs;
       double from = 1e300;
@@ -166,7 +168,9 @@ struct Places {
   Vec2 operator()(const Vec2& from, const Vec2& to) {
     const auto pick = [&](int axis) {
       if (lattice) {
-        return std::uniform_int_distribution<int>(static_cast<int>(2 * from[axis]), static_cast<int>(2 * to[axis]))(random) / 2.0;
+        return std::uniform_int_distribution<int>(static_cast<int>(2 * from[axis]),
+                                                  static_cast<int>(2 * to[axis]))(random) /
+               2.0;
       }
       return std::uniform_real_distribution<double>(from[axis], to[axis])(random);
     };
@@ -183,7 +187,8 @@ Polygon hull(std::vector<Vec2> points) {
   for (int pass = 0; pass < 2; ++pass) {
     const std::size_t start = chain.size();
     for (const Vec2& p : points) {
-      while (chain.size() >= start + 2 && cross(chain.back() - chain[chain.size() - 2], p - chain.back()) <= 0) chain.pop_back();
+      while (chain.size() >= start + 2 && cross(chain.back() - chain[chain.size() - 2], p - chain.back()) <= 0)
+        chain.pop_back();
       chain.push_back(p);
     }
     chain.pop_back();
@@ -261,8 +266,9 @@ TEST(PixelDensity, ShapesThinnerThanAPixelKeepTheirPlace) {
   scene.fills.push_back({{{{{2.3, 0.7}, {2.31, 9.6}, {2.305, 9.6}}}}, 1, 1, -1, {}});
   scene.fills.push_back({{{{{0.1, 4.1}, {9.9, 4.9}, {9.9, 4.901}}}}, 2, 1, -1, {}});
   const PixelDensity density = scene.measured();
-  for (const Polygon& cell : {Polygon{{2.2, 1}, {2.304, 1}, {2.304, 9}, {2.2, 9}}, Polygon{{2.25, 3}, {2.9, 4}, {2.6, 5}},
-                              Polygon{{8, 4}, {9.5, 4.5}, {9.7, 4.89}, {8, 4.75}}}) {
+  for (const Polygon& cell :
+       {Polygon{{2.2, 1}, {2.304, 1}, {2.304, 9}, {2.2, 9}}, Polygon{{2.25, 3}, {2.9, 4}, {2.6, 5}},
+        Polygon{{8, 4}, {9.5, 4.5}, {9.7, 4.89}, {8, 4.75}}}) {
     const Truth wanted = integral(scene, cell);
     EXPECT_GT(wanted.mass, 0);
     expect_equal(contour(density, cell), wanted, 0.1, "");
@@ -274,14 +280,17 @@ TEST(PixelDensity, WhatLiesBetweenFillsIsExactlyBlack) {
   scene.extent = {{0, 0}, {9, 7}};
   scene.flux = Grid<double>(90, 70);
   Polygon circle;
-  for (int k = 0; k < 97; ++k) circle.emplace_back(2 + 1.37 * std::cos(2 * kPi * k / 97), 3 + 1.37 * std::sin(2 * kPi * k / 97));
+  for (int k = 0; k < 97; ++k)
+    circle.emplace_back(2 + 1.37 * std::cos(2 * kPi * k / 97), 3 + 1.37 * std::sin(2 * kPi * k / 97));
   scene.fills.push_back({{{circle}}, 1.0 / 3, 0.7, -1, {}});
   scene.fills.push_back({{{{{5.01, 1.3}, {8.3, 2.2}, {6.1, 6.33}}}}, 0.1, 1, -1, {}});
   const PixelDensity density = scene.measured();
-  for (const Polygon& cell : {Polygon{{3.6, 0.3}, {4.9, 0.3}, {4.9, 6}, {3.6, 6}}, Polygon{{8.5, 0}, {9, 0}, {9, 7}, {8.5, 7}}}) {
+  for (const Polygon& cell :
+       {Polygon{{3.6, 0.3}, {4.9, 0.3}, {4.9, 6}, {3.6, 6}}, Polygon{{8.5, 0}, {9, 0}, {9, 7}, {8.5, 7}}}) {
     const Truth sum = contour(density, cell);
     EXPECT_LT(std::abs(sum.mass), 1e-13);
-    for (std::size_t k = 0; k < cell.size(); ++k) EXPECT_EQ(density.along(cell[k], cell[(k + 1) % cell.size()]).line, 0);
+    for (std::size_t k = 0; k < cell.size(); ++k)
+      EXPECT_EQ(density.along(cell[k], cell[(k + 1) % cell.size()]).line, 0);
   }
 }
 
@@ -298,7 +307,8 @@ TEST(PixelDensity, PowerDiagramsShareOutAllLight) {
     std::vector<double> psi;
     for (int k = 0; k < 400; ++k) {
       sites.push_back(places({-2, 1}, {4, 5}));
-      psi.push_back(sites.back().squaredNorm() / 2 + std::uniform_real_distribution<double>(-0.02, 0.02)(places.random));
+      psi.push_back(sites.back().squaredNorm() / 2 +
+                    std::uniform_real_distribution<double>(-0.02, 0.02)(places.random));
     }
     PowerDiagramBuilder builder(sites, 100);
     std::vector<int> starts;
@@ -322,7 +332,9 @@ TEST(PixelDensity, AFilledRectangleIsReachedByAnAffineMap) {
   TargetLight target;
   target.extent = {{-50, -50}, {50, 50}};
   const Box2 lit{{-13.377, -41.0331}, {28.613, 22.719}};
-  target.area_borders = borders_of({{{{{{lit.min, {lit.max.x(), lit.min.y()}, lit.max, {lit.min.x(), lit.max.y()}}}}, 1, 1, -1, {}}}, {}, {}}, target.extent);
+  target.area_borders = borders_of(
+      {{{{{{lit.min, {lit.max.x(), lit.min.y()}, lit.max, {lit.min.x(), lit.max.y()}}}}, 1, 1, -1, {}}}, {}, {}},
+      target.extent);
   target.normalise();
   TransportOptions options;
   options.samples = 384;
