@@ -464,7 +464,11 @@ TransportMap detail::solve_sampled(const std::vector<Sampling>& samplings, const
     const double spacing = std::sqrt(area / static_cast<double>(sampling.sites.size()));
     // Alone, but never so wide that they merge.
     const double alone = std::min(kStartRadiusAlone * spacing, 0.1 * sampling.spread.maxCoeff());
-    return std::max(options.point_radius_mm, target.area_total() > 0 ? kStartRadius * spacing : alone);
+    // A heavy point's disk has to be cut among many cells.
+    double flux = 0;
+    for (const auto& point : target.points) flux = std::max(flux, point.flux);
+    const double heavy = 0.1 * std::min(std::sqrt(flux * area), sampling.spread.maxCoeff());
+    return std::max(options.point_radius_mm, target.area_total() > 0 ? std::max(kStartRadius * spacing, heavy) : alone);
   };
 
   TransportMap map;
