@@ -11,6 +11,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
+#include "design/detail/cell_relaxation.h"
 #include "design/detail/laplacian.h"
 #include "design/detail/one_blas_thread.h"
 #include "design/detail/power_diagram.h"
@@ -33,20 +34,34 @@ using Potential = std::vector<double>;
 
 constexpr double kEmpty = 1e-9;  // a cell with less than this share of its mass is empty
 constexpr double kArmijo = 1e-4;
-constexpr int kMemory = 12;           // pairs that L-BFGS remembers
-constexpr double kNewtonFrom = 0.03;  // l1 error below which Newton takes over, once no cell is empty
-constexpr double kLeastStep = 0.03;   // of damped Newton; then the way of its step is searched
-constexpr double kJoin = 1e-10;
-constexpr int kSliding = 60;          // evaluations to find where cells change along a direction, and
-constexpr double kSlid = 0.1;         // the share of a cell's mass that has to move there
-constexpr double kNarrowing = 0.3;        // factor on the radius of strips and disks from stage to stage
-constexpr double kNarrowingError = 0.15;  // l1 error after the prediction that the descent repairs quickly
-constexpr double kLeastNarrowing = 0.95;  // smaller steps than this are left to the descent
+constexpr double kValueNoise = 1e-13;  // of the dual's value
+constexpr int kMemory = 12;            // pairs that L-BFGS remembers
+
+// Damping of Newton's steps, as a share of the second derivative.
+constexpr double kDampingPerError = 5;  // at first, per l1 error
+constexpr double kThin = 0.5;           // a cell with less than this share of its mass is damped the more the less it has
+constexpr double kLeastDampingPerError = 0.1;
+constexpr double kMostDamping = 1e6;
+constexpr double kLessDamping = 0.2;
+constexpr double kMoreDamping = 4;
+constexpr double kGoodRatio = 0.7;  // of the dual's fall to the predicted one, above which damping becomes less, and
+constexpr double kBadRatio = 0.3;   // below which it becomes more
+constexpr double kTimidRatio = 1.5; // and above which thin cells are damped less
+constexpr double kGoodError = 0.7;  // of the l1 errors after and before a step that is good whatever the dual says
+constexpr double kTimid = 0.7;       // of the slope that a step leaves, above which a longer one is searched
+constexpr double kPart = 0.25;      // of a step that went too far, tried first
+constexpr int kMostSearch = 60;     // evaluations along it
+
+constexpr int kRings = 8;               // of thin cells around each other, to a cell that tells the scale
+constexpr double kJoin = 1e-10;  // of the second derivative, between parts of the target that no cell bridges
+constexpr double kNarrowing = 0.1;         // factor on the radius of strips and disks from stage to stage
+constexpr double kNarrowingError = 0.3;    // l1 error after the prediction that is repaired quickly
+constexpr double kLeastNarrowing = 0.95;   // smaller steps than this are left to the repair
 // Half width of strips and disks at the start of every level, in distances between sites: beside area light they shall
 // not blur it, alone they may be as wide as eases the start.
 constexpr double kStartRadius = 0.3;
 constexpr double kStartRadiusAlone = 3;
-constexpr double kCoarseTolerance = 3e-2;  // of the worst cell on all levels but the finest
+constexpr double kCoarseError = 0.01;  // l1 error that is good enough for what only leads to the last solve
 
 double dot(const Potential& a, const Potential& b) {
   return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
@@ -89,6 +104,16 @@ struct Evaluation {
   }
 };
 
+/// When a solve is done.
+struct Goal {
+  double l1_error;
+  double max_error = std::numeric_limits<double>::infinity();
+  bool every_cell = false;  // has light
+  [[nodiscard]] bool reached(const Evaluation& e) const {
+    return e.l1_error <= l1_error && e.max_error <= max_error && !(every_cell && e.empty > 0);
+  }
+};
+
 /// One level of the multi-scale solver.
 class Level {
  public:
@@ -96,48 +121,39 @@ class Level {
       : sampling_(sampling),
         measure_(std::move(measure)),
         options_(options),
+        reach_(reach),
         builder_(sampling.sites, reach) {}
 
-  /// Improves psi until the errors are below `l1` and `most` and no cell is empty; returns the best it found otherwise.
-  Evaluation solve(Potential psi, double l1, double most, const Monitor& monitor) {
-    return solve_from(evaluate(std::move(psi)), l1, most, monitor);
+  /// Improves psi until the goal is reached; returns the best it found otherwise.
+  Evaluation solve(Potential psi, const Goal& goal, const Monitor& monitor) {
+    return solve_from(evaluate(std::move(psi)), goal, monitor);
   }
-  Evaluation solve_from(Evaluation now, double l1, double most, const Monitor& monitor) {
+  Evaluation solve_from(Evaluation now, const Goal& goal, const Monitor& monitor) {
     const bool reference = options_.solver == TransportSolver::kLbfgs;
     constexpr int kSlower = 20;  // evaluations of plain L-BFGS for one
     budget_ = evaluations_ + options_.max_iterations * (reference ? kSlower : 1);
-    const auto done = [&] { return now.empty == 0 && now.l1_error <= l1 && now.max_error <= most; };
-    double newton_from = reference ? 0 : kNewtonFrom;
-    while (!done() && evaluations_ < budget_) {
-      // The descent's first steps, without memory, only spoil what prediction or prolongation brought near.
-      const bool near = now.empty == 0 && now.l1_error < newton_from;
-      if (!near) descend(now, newton_from, done, monitor);
-      if (done()) break;
-      if (reference) return now;
-      if (!newton(now, done, monitor)) newton_from = std::min(newton_from, now.l1_error) / 2;
-    }
-    return now;
+    return reference ? descend(std::move(now), goal, monitor) : minimise(std::move(now), goal, monitor);
   }
 
   /// Follows the solution `now` while strips and disks become narrower, down to `radius`. The potential is nearly
   /// linear in their radius: a Newton step that includes the tangent d psi / dr = H^-1 d mu / dr leads from one radius
   /// to the next.
-  Evaluation narrow(Evaluation now, double radius, double l1, double most, const Monitor& monitor) {
+  Evaluation narrow(Evaluation now, double radius, const Goal& goal, const Monitor& monitor) {
     double factor = kNarrowing;
     const double widest = measure_.radius;
     const auto done = [&](double r) { return std::log(widest / r) / std::log(widest / radius); };
-    while (measure_.radius > radius && now.empty == 0) {
+    while (measure_.radius > radius) {
       const double from = measure_.radius;
       const auto [corrected, tangent] = predict(now);
       Evaluation next;
       for (;; factor = std::sqrt(factor)) {
         measure_.radius = std::max(radius, from * factor);
         next = evaluate(plus(corrected, measure_.radius - from, tangent));
-        if ((next.empty == 0 && next.l1_error < kNarrowingError) || factor > kLeastNarrowing) break;
+        if (next.l1_error < kNarrowingError || factor > kLeastNarrowing) break;
       }
       if (!(next.l1_error < kNarrowingError)) next = better(std::move(next), now.psi);
       const bool last = measure_.radius == radius;
-      now = solve_from(std::move(next), last ? l1 : kCoarseTolerance, last ? most : kCoarseTolerance,
+      now = solve_from(std::move(next), last ? goal : Goal{kCoarseError},
                        monitor.part(done(from), done(measure_.radius)));
       factor = std::max(kNarrowing, factor * factor);
     }
@@ -146,7 +162,6 @@ class Level {
   /// The potential that `now` leads to at another radius, to first order; strips and disks have that radius from then
   /// on.
   Potential extrapolated(const Evaluation& now, double radius) {
-    if (now.empty > 0) return now.psi;
     const auto [corrected, tangent] = predict(now);
     const Potential predicted = plus(corrected, radius - measure_.radius, tangent);
     measure_.radius = radius;
@@ -188,37 +203,106 @@ class Level {
     return e;
   }
 
-  /// A gradient as a step: by the source's Laplacian, or as it is [paper sec. 4].
-  Potential in_metric(Potential gradient) {
-    if (options_.solver == TransportSolver::kLbfgs) return gradient;
+  /// Lets cells with too little light grow, where the dual falls by it.
+  Evaluation relaxed(Evaluation now) {
+    if (now.min_share >= detail::RelaxationOptions{}.below) return now;
     Stopwatch watch;
-    if (!metric_) metric_.emplace(sampling_.sites, sampling_.edges);
-    gradient = metric_->solve(gradient);
-    phases_.equations += watch.lap();
-    return gradient;
+    Potential grown = detail::relax_cells(measure_, now.diagram, sampling_.sites, now.psi, now.cells.masses,
+                                          sampling_.masses, {.reach = reach_});
+    phases_.relaxation += watch.lap();
+    Evaluation next = evaluate(std::move(grown));
+    return next.value < now.value ? next : now;
   }
 
-  /// L-BFGS with the source's Laplacian as metric and Armijo's rule: works with empty cells, and fills them.
-  template <typename Done>
-  void descend(Evaluation& now, double newton_from, const Done& done, const Monitor& monitor) {
+  /// Levenberg and Marquardt's damping of Newton's steps, in the metric of the source's Laplacian: a cell that light is
+  /// about to leave has hardly a second derivative, and plain Newton throws it out. Cells that have lost their light
+  /// grow again before a step is judged.
+  Evaluation minimise(Evaluation now, const Goal& goal, const Monitor& monitor) {
+    double damping = std::min(kDampingPerError * now.l1_error, 1.0);
+    double thin_damping = 1;
+    now = relaxed(std::move(now));
+    while (!goal.reached(now) && evaluations_ < budget_ && damping < kMostDamping) {
+      monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
+                     progress(now));
+      Stopwatch watch;
+      const Curvature second = curvature(now, damping, thin_damping);
+      const Potential inner = second.within(now.gradient);
+      // What parts of the target have too much or too little of is moved between them first if it outweighs the rest.
+      const bool between = second.parts > 1 && 2 * dot(inner, inner) < dot(now.gradient, now.gradient);
+      const Potential step = between ? second.means(second.laplacian.solve(plus(now.gradient, -1, inner)))
+                                     : second.laplacian.solve(inner);
+      phases_.equations += watch.lap();
+      const double slope = dot(now.gradient, step);
+      const bool lost_in_rounding = slope < 20 * kValueNoise * std::abs(now.value);
+      // The dual's fall over the predicted one. Where rounding hides it, or few cells outweigh all others in it, the
+      // gradient decides.
+      const auto ratio_of = [&](const Evaluation& trial) {
+        double ratio = (now.value - trial.value) / (slope / 2);
+        if (lost_in_rounding) ratio = trial.max_error < now.max_error ? 1 : -1;
+        return trial.l1_error < kGoodError * now.l1_error ? std::max(ratio, kGoodRatio) : ratio;
+      };
+      constexpr double kNoEnd = std::numeric_limits<double>::infinity();
+      Evaluation trial = evaluate(plus(now.psi, -1, step));
+      // Parts of the target that few cells bridge are moved too little by a damped step, and need no new one.
+      if (dot(trial.gradient, step) > kTimid * slope)
+        trial = searched(now, step, slope, 1 / kPart, std::move(trial), 1, kNoEnd);
+      trial = relaxed(std::move(trial));
+      double ratio = ratio_of(trial);
+      const bool nearer = trial.l1_error < now.l1_error;
+      if (ratio < kBadRatio || !nearer) {
+        damping *= kMoreDamping;
+        thin_damping = std::min(1.0, thin_damping * kMoreDamping);
+      } else if (ratio > kTimidRatio) {
+        thin_damping *= kLessDamping;
+      }
+      if (ratio >= kGoodRatio && nearer) damping = std::max(damping * kLessDamping, kLeastDampingPerError * trial.l1_error);
+      if (ratio < kArmijo) {
+        damping *= kMoreDamping;
+        trial = relaxed(searched(now, step, slope, kPart, now, 0, 1));
+        ratio = lost_in_rounding ? ratio_of(trial) : now.value - trial.value;
+      }
+      if (ratio > 0) now = std::move(trial);
+    }
+    return now;
+  }
+
+  /// Goes against `direction`, along which the dual falls by `slope` at first, until half of that is gone: from `t` on, by
+  /// bisection once it is too far. Where the target is thin nothing changes for a long way, and then everything does.
+  /// `best` is at `near`, where there is too much left.
+  Evaluation searched(const Evaluation& now, const Potential& direction, double slope, double t, Evaluation best,
+                      double near, double far) {
+    for (int attempt = 0; attempt < kMostSearch && evaluations_ < budget_; ++attempt) {
+      Evaluation trial = evaluate(plus(now.psi, -t, direction));
+      const double left = dot(trial.gradient, direction);
+      if (std::abs(left) <= slope / 2) return trial;
+      if (left > 0) {
+        near = t;
+        best = std::move(trial);
+      } else {
+        far = t;
+      }
+      t = near > 0 && std::isfinite(far) ? (near + far) / 2 : near > 0 ? t / kPart : t * kPart;
+    }
+    return best;
+  }
+
+  /// L-BFGS with Armijo's rule, as in the paper [paper sec. 4; Nocedal and Wright 2006, alg. 7.4].
+  Evaluation descend(Evaluation now, const Goal& goal, const Monitor& monitor) {
     struct Pair {
       Potential step, change;
       double curvature;
     };
     std::deque<Pair> memory;
-    int filled = 0;  // iterations in a row without an empty cell
     double gamma = 1;
-    while (evaluations_ < budget_) {
+    while (!goal.reached(now) && evaluations_ < budget_) {
       monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
                      progress(now));
-      // Two-loop recursion [Nocedal and Wright 2006, alg. 7.4].
       Potential d = now.gradient;
       std::vector<double> alpha(memory.size());
       for (std::size_t k = memory.size(); k-- > 0;) {
         alpha[k] = dot(memory[k].step, d) / memory[k].curvature;
         for (std::size_t i = 0; i < d.size(); ++i) d[i] -= alpha[k] * memory[k].change[i];
       }
-      d = in_metric(std::move(d));
       for (double& x : d) x *= gamma;
       for (std::size_t k = 0; k < memory.size(); ++k) {
         const double beta = dot(memory[k].change, d) / memory[k].curvature;
@@ -226,15 +310,10 @@ class Level {
       }
       for (double& x : d) x = -x;
       const double slope = dot(now.gradient, d);
-      if (!(slope < 0)) {
-        if (memory.empty()) return;
-        memory.clear();
-        continue;
-      }
-      double t = 1;
       std::optional<Evaluation> next;
-      const double noise = 1e-13 * std::abs(now.value);
-      for (int attempt = 0;; ++attempt) {
+      const double noise = kValueNoise * std::abs(now.value);
+      double t = 1;
+      for (int attempt = 0; slope < 0; ++attempt) {
         Evaluation trial = evaluate(plus(now.psi, t, d));
         if (trial.value <= now.value + kArmijo * t * slope + noise) {
           next = std::move(trial);
@@ -246,7 +325,7 @@ class Level {
         t = std::clamp(parabola, 0.1 * t, 0.5 * t);
       }
       if (!next) {
-        if (memory.empty()) return;
+        if (memory.empty()) break;
         memory.clear();
         continue;
       }
@@ -255,15 +334,13 @@ class Level {
       pair.change = plus(next->gradient, -1, now.gradient);
       pair.curvature = dot(pair.step, pair.change);
       if (pair.curvature > 0) {
-        const Potential weighted = in_metric(pair.change);
-        gamma = pair.curvature / dot(pair.change, weighted);
+        gamma = pair.curvature / dot(pair.change, pair.change);
         memory.push_back(std::move(pair));
         if (memory.size() > kMemory) memory.pop_front();
       }
       now = std::move(*next);
-      filled = now.empty == 0 ? filled + 1 : 0;
-      if (done() || (filled >= 2 && now.l1_error < newton_from)) return;
     }
+    return now;
   }
 
   /// Done fraction by the error that is left, on a logarithmic scale.
@@ -272,15 +349,17 @@ class Level {
     return 1 - std::log(std::clamp(e.l1_error, goal, 2.0) / goal) / std::log(2 / goal);
   }
 
-  /// The dual's second derivative, -d mu(C_i) / d psi_j. Where no cell bridges two parts of the target, the sites fall into
-  /// parts too, which may rise and sink against each other without effect.
+  /// The dual's second derivative, -d mu(C_i) / d psi_j, damped. Where no cell bridges two parts of the target, the sites
+  /// fall into parts too, which may rise and sink against each other without effect.
   struct Curvature {
     Laplacian laplacian;
     std::vector<int> part;  // of each site: its smallest site
     int parts;
 
     /// The gradient less its mean on each part: what light moved within the parts can change.
-    [[nodiscard]] Potential within(const Potential& gradient) const { return plus(gradient, -1, means(gradient)); }
+    [[nodiscard]] Potential within(const Potential& gradient) const {
+      return parts > 1 ? plus(gradient, -1, means(gradient)) : gradient;
+    }
     /// The mean of the values on each site's part.
     [[nodiscard]] Potential means(const Potential& values) const {
       Potential sum(values.size(), 0.0);
@@ -294,25 +373,73 @@ class Level {
       return result;
     }
   };
-  [[nodiscard]] Curvature curvature(const Evaluation& e) const {
+  [[nodiscard]] Curvature curvature(const Evaluation& e, double damping, double thin_damping) const {
     std::vector<GraphEdge> edges;
-    double total = 0;
     for (std::size_t k = 0; k < e.diagram.edges.size(); ++k) {
       const double slope = e.cells.edge_slopes[k];
-      if (!(slope > 0)) continue;
-      edges.push_back({e.diagram.edges[k].a, e.diagram.edges[k].b, slope});
-      total += slope;
+      if (slope > 0) edges.push_back({e.diagram.edges[k].a, e.diagram.edges[k].b, slope});
     }
-    // A trace of the metric joins parts of the target that no cell bridges.
+    const std::vector<double> scale = damping_scale(e, edges);
+    const auto damped = [&](const GraphEdge& edge, double by) -> GraphEdge {
+      return {edge.a, edge.b, by * std::sqrt(scale[edge.a] * scale[edge.b]) * edge.weight};
+    };
+    for (const auto& edge : sampling_.edges) {
+      const double thin = thin_damping * std::max(thinness(e, edge.a), thinness(e, edge.b));
+      if (thin > 0) edges.push_back(damped(edge, thin));
+    }
     std::vector<int> part = detail::connected_components(static_cast<int>(e.psi.size()), edges);
     int parts = 0;
     for (std::size_t i = 0; i < part.size(); ++i) parts += part[i] == static_cast<int>(i);
-    double metric_total = 0;
-    for (const auto& edge : sampling_.edges) metric_total += edge.weight;
     for (const auto& edge : sampling_.edges) {
-      if (part[edge.a] != part[edge.b]) edges.push_back({edge.a, edge.b, kJoin * total / metric_total * edge.weight});
+      const double by = part[edge.a] == part[edge.b] ? damping : std::max(damping, kJoin);
+      if (by > 0) edges.push_back(damped(edge, by));
     }
     return {Laplacian(sampling_.sites, edges), std::move(part), parts};
+  }
+  /// What a cell lacks to its share of light below which it is damped.
+  [[nodiscard]] double thinness(const Evaluation& e, int site) const {
+    return std::max(0.0, kThin - e.cells.masses[site] / sampling_.masses[site]);
+  }
+  /// The second derivative at each site in units of the source's: dense light is stiff, a dark field is soft. Thin cells,
+  /// which have hardly any of their own, take their neighbours'.
+  [[nodiscard]] std::vector<double> damping_scale(const Evaluation& e, const std::vector<GraphEdge>& second) const {
+    const std::size_t n = e.psi.size();
+    std::vector<double> own(n, 0), unit(n, 0);
+    double own_total = 0;
+    double unit_total = 0;
+    for (const auto& edge : second) {
+      own[edge.a] += edge.weight;
+      own[edge.b] += edge.weight;
+      own_total += edge.weight;
+    }
+    for (const auto& edge : sampling_.edges) {
+      unit[edge.a] += edge.weight;
+      unit[edge.b] += edge.weight;
+      unit_total += edge.weight;
+    }
+    std::vector<double> scale(n, 0);  // 0: not known yet
+    for (std::size_t i = 0; i < n; ++i) {
+      if (thinness(e, static_cast<int>(i)) == 0) scale[i] = own[i] / unit[i];
+    }
+    for (int ring = 0; ring < kRings; ++ring) {
+      std::vector<double> sum(n, 0), weight(n, 0);
+      const auto lend = [&](int from, int to, double w) {
+        if (scale[to] > 0 || !(scale[from] > 0)) return;
+        sum[to] += w * scale[from];
+        weight[to] += w;
+      };
+      for (const auto& edge : sampling_.edges) {
+        lend(edge.a, edge.b, edge.weight);
+        lend(edge.b, edge.a, edge.weight);
+      }
+      for (std::size_t i = 0; i < n; ++i) {
+        if (weight[i] > 0) scale[i] = sum[i] / weight[i];
+      }
+    }
+    for (double& s : scale) {
+      if (!(s > 0)) s = own_total / unit_total;
+    }
+    return scale;
   }
 
   struct Prediction {
@@ -320,7 +447,7 @@ class Level {
     Potential tangent;    // d psi / d radius
   };
   Prediction predict(const Evaluation& e) {
-    const Curvature second = curvature(e);
+    const Curvature second = curvature(e, 0, 0);
     return {plus(e.psi, -1, second.laplacian.solve(second.within(e.gradient))),
             second.laplacian.solve(second.within(radius_derivative(e)))};
   }
@@ -338,80 +465,11 @@ class Level {
     return derivative;
   }
 
-  /// Goes from `now` against `direction`, along which the dual falls at first, until half of the slope is gone or cells have
-  /// changed, none by more than `least` allows. Starts at `t` and finds even a short stretch where that is so by bisection:
-  /// where the target is thin, nothing changes for a long way and then everything does. False when there is none.
-  bool slide(Evaluation& now, const Potential& direction, double t, double least) {
-    const double first = dot(now.gradient, direction);
-    double near = 0;
-    double far = std::numeric_limits<double>::infinity();
-    for (int attempt = 0; attempt < kSliding && evaluations_ < budget_; ++attempt) {
-      Evaluation trial = evaluate(plus(now.psi, -t, direction));
-      double change = 0;
-      for (std::size_t i = 0; i < direction.size(); ++i)
-        change = std::max(change, std::abs(trial.cells.masses[i] - now.cells.masses[i]) / sampling_.masses[i]);
-      const double slope = dot(trial.gradient, direction);
-      const bool sound = trial.min_share >= least;
-      if (sound && (std::abs(slope) < first / 2 || (slope > 0 && change > kSlid))) {
-        now = std::move(trial);
-        return true;
-      }
-      (sound && slope > 0 ? near : far) = t;
-      t = std::isfinite(far) ? (near + far) / 2 : 4 * t;
-    }
-    return false;
-  }
-
-  /// Moves parts of the sites against each other until cells bridge them.
-  bool bridge(Evaluation& now, const Curvature& second, double least) {
-    // The direction that the joints alone give is constant on each part.
-    const Potential inner = second.within(now.gradient);
-    const Potential direction = second.means(second.laplacian.solve(plus(now.gradient, -1, inner)));
-    const auto [lowest, highest] = std::minmax_element(direction.begin(), direction.end());
-    return slide(now, direction, measure_.radius * std::sqrt(sampling_.spread.prod()) / (*highest - *lowest), least);
-  }
-
-  /// Damped Newton [Kitagawa, Merigot, Thibert 2019, alg. 1]. False when the step becomes too small.
-  template <typename Done>
-  bool newton(Evaluation& now, const Done& done, const Monitor& monitor) {
-    const double least = std::min(now.min_share, 1.0) / 2;
-    while (!done() && evaluations_ < budget_) {
-      monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
-                     progress(now));
-      Stopwatch watch;
-      const Curvature second = curvature(now);
-      const Potential inner = second.within(now.gradient);
-      const Potential step = second.laplacian.solve(inner);
-      phases_.equations += watch.lap();
-      const double norm = std::sqrt(dot(inner, inner));
-      // What the parts have too much or too little of outweighs the rest.
-      if (second.parts > 1 && 2 * norm * norm < dot(now.gradient, now.gradient)) {
-        if (!bridge(now, second, least)) return false;
-        continue;
-      }
-      double alpha = 1;
-      for (;;) {
-        Evaluation trial = evaluate(plus(now.psi, -alpha, step));
-        const Potential left = second.within(trial.gradient);
-        if (trial.min_share >= least && std::sqrt(dot(left, left)) <= (1 - alpha / 2) * norm) {
-          now = std::move(trial);
-          break;
-        }
-        alpha /= 2;
-        if (evaluations_ >= budget_) return false;
-        if (alpha > kLeastStep) continue;
-        if (!slide(now, step, alpha, least)) return false;
-        break;
-      }
-    }
-    return true;
-  }
-
   const Sampling& sampling_;
   TargetMeasure measure_;
   const TransportOptions& options_;
+  double reach_;
   PowerDiagramBuilder builder_;
-  std::optional<Laplacian> metric_;  // made when it is first needed
   std::vector<int> starts_;
   int evaluations_ = 0;
   TransportPhases phases_;
@@ -471,6 +529,7 @@ TransportMap detail::solve_sampled(const std::vector<Sampling>& samplings, const
     return std::max(options.point_radius_mm, target.area_total() > 0 ? std::max(kStartRadius * spacing, heavy) : alone);
   };
 
+  const Goal wanted{options.l1_tolerance, options.max_tolerance, true};
   TransportMap map;
   Potential psi;
   std::optional<Evaluation> result;
@@ -504,10 +563,9 @@ TransportMap detail::solve_sampled(const std::vector<Sampling>& samplings, const
     const bool finest = level == 0;
     const bool last = finest && measure_radius <= options.point_radius_mm;
     const double share_then = finest && !singular ? 1 : share_done + (singular ? 0.4 : 0.75) * share;
-    result = solver.solve(std::move(psi), last ? options.l1_tolerance : kCoarseTolerance,
-                          last ? options.max_tolerance : kCoarseTolerance, steady.part(share_done, share_then));
+    result = solver.solve(std::move(psi), last ? wanted : Goal{kCoarseError}, steady.part(share_done, share_then));
     if (finest && singular) {
-      result = solver.narrow(std::move(*result), options.point_radius_mm, options.l1_tolerance, options.max_tolerance,
+      result = solver.narrow(std::move(*result), options.point_radius_mm, wanted,
                              steady.part(share_then, 1));
     }
     share_done = share_then;

@@ -12,7 +12,7 @@
 
 namespace lightmill {
 
-/// kNewton: L-BFGS in the metric of the source's Laplacian until no cell is empty, then damped Newton.
+/// kNewton: damped Newton steps, between which cells without light grow back.
 /// kLbfgs: the paper's own, L-BFGS alone, for comparison; many times slower.
 enum class TransportSolver { kNewton, kLbfgs };
 
@@ -31,10 +31,12 @@ struct TransportPhases {
   double diagrams = 0;   ///< seconds for power diagrams
   double integrals = 0;  ///< seconds for masses, moments and second derivatives
   double equations = 0;  ///< seconds for factorising and solving linear systems
+  double relaxation = 0; ///< seconds for growing single cells
   TransportPhases& operator+=(const TransportPhases& other) {
     diagrams += other.diagrams;
     integrals += other.integrals;
     equations += other.equations;
+    relaxation += other.relaxation;
     return *this;
   }
 };
@@ -64,8 +66,8 @@ struct TransportMap {
   TransportSummary summary;
 };
 
-/// Minimises the convex function of [paper eq. 3] from coarse to fine: preconditioned L-BFGS until no cell is empty, then
-/// damped Newton [Kitagawa, Merigot, Thibert 2019, alg. 1]. The result does not depend on the thread count.
+/// Minimises the convex function of [paper eq. 3] from coarse to fine by damped Newton steps [Kitagawa, Merigot, Thibert 2019],
+/// with coordinate descent for cells that have lost their light. The result does not depend on the thread count.
 /// Throws NumericalError when it cannot reach the tolerances (with the figures it reached).
 TransportMap solve_transport(const SourceLight& source, const TargetLight& target, const TransportOptions& options = {},
                              const Monitor& monitor = {});

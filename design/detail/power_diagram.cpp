@@ -106,7 +106,34 @@ PowerDiagram PowerDiagramBuilder::build(const std::vector<double>& psi) {
     if (edge.a < n) diagram.incident_edges[next[edge.a]++] = static_cast<int>(e);
     if (edge.b < n) diagram.incident_edges[next[edge.b]++] = static_cast<int>(e);
   }
+  for (const auto& [site, triangle] : triangulation_.hidden()) {
+    const auto& corners = triangles[triangle].corners;
+    const auto near = std::find_if(corners.begin(), corners.end(), [n](int s) { return s < n; });
+    if (near != corners.end()) diagram.hidden.push_back({site, *near, triangle});
+  }
   return diagram;
+}
+
+int cell_at(const PowerDiagram& diagram, const std::vector<Vec2>& sites, const std::vector<double>& psi, const Vec2& x,
+            int hint) {
+  const int n = static_cast<int>(sites.size());
+  int cell = hint;
+  double value = x.dot(sites[cell]) - psi[cell];
+  for (;;) {
+    int best = cell;
+    for (std::size_t k = diagram.first_edge[cell]; k < diagram.first_edge[cell + 1]; ++k) {
+      const DualEdge& edge = diagram.edges[diagram.incident_edges[k]];
+      const int other = edge.a == cell ? edge.b : edge.a;
+      if (other >= n) continue;
+      const double v = x.dot(sites[other]) - psi[other];
+      if (v > value) {
+        value = v;
+        best = other;
+      }
+    }
+    if (best == cell) return cell;
+    cell = best;
+  }
 }
 
 }  // namespace lightmill::detail

@@ -18,6 +18,13 @@ struct DualEdge {
   int to;
 };
 
+/// A site without a cell: it lies above the triangle of visible sites that has this dual vertex.
+struct HiddenSite {
+  int site;
+  int near;    ///< a visible real site of that triangle
+  int vertex;
+};
+
 /// Cells {x : x.s_i - psi_i is largest}; a site without edges has an empty cell.
 struct PowerDiagram {
   std::vector<Vec2> vertices;
@@ -25,7 +32,12 @@ struct PowerDiagram {
   std::vector<double> site_distance;    ///< |s_a - s_b| per edge
   std::vector<std::size_t> first_edge;  ///< edges of site i: incident_edges[first_edge[i] .. first_edge[i + 1])
   std::vector<int> incident_edges;
+  std::vector<HiddenSite> hidden;       ///< sites without a cell
 };
+
+/// The cell that contains x, by steepest ascent of x.s - psi over neighbours from `hint`, a site that has a cell.
+int cell_at(const PowerDiagram& diagram, const std::vector<Vec2>& sites, const std::vector<double>& psi, const Vec2& x,
+            int hint);
 
 /// Builds power diagrams of fixed sites for varying potentials psi = (|s|^2 - w) / 2.
 class PowerDiagramBuilder {

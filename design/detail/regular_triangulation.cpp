@@ -399,4 +399,13 @@ bool RegularTriangulation::insert_hidden() {
   return inserted;
 }
 
+std::vector<RegularTriangulation::Hidden> RegularTriangulation::hidden() const {
+  std::vector<Hidden> found;
+  for (const int site : hidden_) {
+    const int triangle = locate(site);
+    if (triangle >= 0) found.push_back({site, triangle});
+  }
+  return found;
+}
+
 }  // namespace lightmill::detail

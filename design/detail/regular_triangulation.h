@@ -30,6 +30,12 @@ class RegularTriangulation {
   /// Some may be dead: places that flips have left.
   [[nodiscard]] const std::vector<Triangle>& triangles() const { return triangles_; }
   [[nodiscard]] const std::vector<Vec2>& sites() const { return sites_; }
+  /// Sites that are not part of it, each with the triangle that it lies in.
+  struct Hidden {
+    int site;
+    int triangle;
+  };
+  [[nodiscard]] std::vector<Hidden> hidden() const;
 
  private:
   struct Edge {

@@ -61,7 +61,10 @@ struct StripRegion {
   [[nodiscard]] Share along(const Vec2& p, const Vec2& q) const {
     Share share;
     const Vec2 a = local(p);
-    const Vec2 d = local(q) - a;
+    const Vec2 b = local(q);
+    // Most edges pass beside the strip, or before its start, where F is 0.
+    if (std::max(a.y(), b.y()) <= -radius || std::min(a.y(), b.y()) >= radius || std::max(a.x(), b.x()) <= 0) return share;
+    const Vec2 d = b - a;
     double t0 = 0;
     double t1 = 1;
     if (!clip(a.y(), d.y(), -radius, radius, t0, t1)) return share;
@@ -189,30 +192,10 @@ class RegionWalker {
   RegionWalker(const PowerDiagram& diagram, const std::vector<Vec2>& sites, const std::vector<double>& psi)
       : diagram_(diagram), sites_(sites), psi_(psi), seen_(sites.size(), 0) {}
 
-  /// The cell that contains x, by steepest ascent of x.s - psi over neighbours from `hint`.
-  [[nodiscard]] int locate(const Vec2& x, int hint) const {
-    int cell = hint;
-    double value = x.dot(sites_[cell]) - psi_[cell];
-    for (;;) {
-      int best = cell;
-      for_each_edge(cell, [&](int e) {
-        const int other = across(e, cell);
-        if (other >= static_cast<int>(sites_.size())) return;
-        const double v = x.dot(sites_[other]) - psi_[other];
-        if (v > value) {
-          value = v;
-          best = other;
-        }
-      });
-      if (best == cell) return cell;
-      cell = best;
-    }
-  }
-
   template <typename Region>
   int walk(const Region& region, int hint, Additions& additions) {
     const int n = static_cast<int>(sites_.size());
-    const int start = locate(region.anchor(), hint);
+    const int start = cell_at(diagram_, sites_, psi_, region.anchor(), hint);
     ++epoch_;
     queue_.assign(1, start);
     seen_[start] = epoch_;
@@ -363,6 +346,87 @@ Spread spread_of(const TargetLight& target, double radius) {
   spread.mean = first / mass;
   spread.deviation = (second / mass - spread.mean.cwiseProduct(spread.mean)).cwiseMax(0).cwiseSqrt();
   return spread;
+}
+
+PolygonMeasure::PolygonMeasure(const TargetMeasure& measure) : measure_(measure) {
+  constexpr int kMostSide = 64;
+  const std::size_t strips = measure.strips.size();
+  const std::size_t regions = strips + measure.disks.size();
+  if (regions == 0) return;
+  for (const auto& strip : measure.strips) {
+    box_.include(strip.from);
+    box_.include(strip.from + strip.length * strip.direction);
+  }
+  for (const auto& disk : measure.disks) box_.include(disk.centre);
+  const Vec2 wide = Vec2::Constant(measure.radius * (1 + 1e-9));
+  box_ = {box_.min - wide, box_.max + wide};
+  side_ = std::clamp(static_cast<int>(std::sqrt(static_cast<double>(regions))), 1, kMostSide);
+  buckets_.resize(static_cast<std::size_t>(side_) * side_);
+  const auto put = [&](int region, const Vec2& p, const Vec2& q) {
+    for_each_bucket({p.cwiseMin(q) - wide, p.cwiseMax(q) + wide}, [&](std::size_t bucket) {
+      auto& in = buckets_[bucket];
+      if (in.empty() || in.back() != region) in.push_back(region);
+    });
+  };
+  const double piece = (box_.size() / side_).minCoeff();
+  for (std::size_t r = 0; r < strips; ++r) {
+    const Strip& strip = measure.strips[r];
+    const int pieces = std::clamp(static_cast<int>(std::ceil(strip.length / piece)), 1, 4 * kMostSide);
+    for (int k = 0; k < pieces; ++k) {
+      put(static_cast<int>(r), strip.from + strip.direction * (strip.length * k / pieces),
+          strip.from + strip.direction * (strip.length * (k + 1) / pieces));
+    }
+  }
+  for (std::size_t r = strips; r < regions; ++r) {
+    const Vec2& centre = measure.disks[r - strips].centre;
+    put(static_cast<int>(r), centre, centre);
+  }
+}
+
+template <typename Visit>
+void PolygonMeasure::for_each_bucket(const Box2& box, const Visit& visit) const {
+  const Vec2 scale = Vec2::Constant(side_).cwiseQuotient(box_.size());
+  const auto place = [&](const Vec2& p, int axis) {
+    return static_cast<int>(std::clamp(std::floor((p[axis] - box_.min[axis]) * scale[axis]), -1.0, static_cast<double>(side_)));
+  };
+  for (int j = std::max(place(box.min, 1), 0); j <= std::min(place(box.max, 1), side_ - 1); ++j) {
+    for (int i = std::max(place(box.min, 0), 0); i <= std::min(place(box.max, 0), side_ - 1); ++i)
+      visit(static_cast<std::size_t>(j) * side_ + i);
+  }
+}
+
+double PolygonMeasure::mass(const std::vector<Vec2>& corners) const {
+  const std::size_t count = corners.size();
+  if (count < 3) return 0;
+  const auto around = [&](const auto& along) {
+    double sum = 0;
+    for (std::size_t k = 0; k < count; ++k) sum += along(corners[k], corners[(k + 1) % count]);
+    return sum;
+  };
+  double mass = 0;
+  if (!measure_.pixels.empty()) {
+    mass += around([&](const Vec2& p, const Vec2& q) { return measure_.pixels.along(p, q).mass; });
+  }
+  if (side_ == 0) return mass;
+  Box2 box;
+  for (const Vec2& corner : corners) box.include(corner);
+  std::vector<int> regions;
+  for_each_bucket(box, [&](std::size_t bucket) {
+    regions.insert(regions.end(), buckets_[bucket].begin(), buckets_[bucket].end());
+  });
+  std::sort(regions.begin(), regions.end());
+  regions.erase(std::unique(regions.begin(), regions.end()), regions.end());
+  const int strips = static_cast<int>(measure_.strips.size());
+  for (const int r : regions) {
+    if (r < strips) {
+      const StripRegion strip{measure_.strips[r], measure_.radius};
+      mass += around([&](const Vec2& p, const Vec2& q) { return strip.along(p, q).mass; });
+    } else {
+      const DiskRegion disk{measure_.disks[r - strips], measure_.radius};
+      mass += around([&](const Vec2& p, const Vec2& q) { return disk.along(p, q).mass; });
+    }
+  }
+  return mass;
 }
 
 CellIntegrals integrate_cells(const TargetMeasure& measure, const PowerDiagram& diagram, const std::vector<Vec2>& sites,

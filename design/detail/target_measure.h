@@ -47,6 +47,23 @@ struct Spread {
 };
 Spread spread_of(const TargetLight& target, double radius);
 
+/// Integrates a measure over single convex polygons; regions are found by buckets.
+class PolygonMeasure {
+ public:
+  explicit PolygonMeasure(const TargetMeasure& measure);
+  /// Flux in a polygon, counter-clockwise.
+  [[nodiscard]] double mass(const std::vector<Vec2>& corners) const;
+
+ private:
+  template <typename Visit>
+  void for_each_bucket(const Box2& box, const Visit& visit) const;
+
+  const TargetMeasure& measure_;
+  Box2 box_;
+  int side_ = 0;
+  std::vector<std::vector<int>> buckets_;  // of regions: strips, then disks
+};
+
 struct CellIntegrals {
   std::vector<double> masses;
   std::vector<Vec2> moments;            ///< first moments of the measure

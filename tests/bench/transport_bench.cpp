@@ -93,8 +93,8 @@ double run(const Case& what) {
     const auto& s = map.summary;
     rusage usage{};
     getrusage(RUSAGE_SELF, &usage);
-    std::printf("| %d | %.2f | %.2f | %.2f | %.2f | %.2f | %d | %.0e | %.0e | %ld |\n", s.samples, s.seconds, cpu(),
-                s.phases.diagrams, s.phases.integrals, s.phases.equations, s.iterations, s.l1_mass_error,
+    std::printf("| %d | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %d | %.0e | %.0e | %ld |\n", s.samples, s.seconds, cpu(),
+                s.phases.diagrams, s.phases.integrals, s.phases.equations, s.phases.relaxation, s.iterations, s.l1_mass_error,
                 s.max_mass_error, usage.ru_maxrss / 1024);
     return s.seconds;
   } catch (const std::exception& e) {
@@ -150,8 +150,8 @@ int main(int count, char** arguments) {
     print_convergence();
     return 0;
   }
-  std::printf("| target | samples | s | CPU s | diagrams s | integrals s | equations s | evaluations | l1 | worst cell | MB |\n");
-  std::printf("|---|---|---|---|---|---|---|---|---|---|---|\n");
+  std::printf("| target | samples | s | CPU s | diagrams s | integrals s | equations s | relaxation s | evaluations | l1 | worst cell | MB |\n");
+  std::printf("|---|---|---|---|---|---|---|---|---|---|---|---|\n");
   if (!words.empty() && words[0] == "sizes") {
     bool good = true;
     for (const char* name : {"smooth", "photo", "rings", "strokes"}) {

@@ -212,7 +212,7 @@ TEST(Transport, ReportsProgressAndStops) {
     ++reports;
   };
   (void)solve_transport(SourceLight{}, target, samples(1024), monitor);
-  EXPECT_GT(reports, 10);
+  EXPECT_GE(reports, 5);  // one a step, on three levels
   monitor.on_progress = nullptr;
   monitor.should_stop = [calls = 0]() mutable { return ++calls > 3; };
   EXPECT_THROW((void)solve_transport(SourceLight{}, target, samples(1024), monitor), Stopped);
