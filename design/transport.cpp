@@ -41,6 +41,7 @@ constexpr int kMemory = 12;            // pairs that L-BFGS remembers
 constexpr double kDampingPerError = 5;  // at first, per l1 error
 constexpr double kThin = 0.5;           // a cell with less than this share of its mass is damped the more the less it has
 constexpr double kLeastDampingPerError = 0.1;
+constexpr double kLeastDamping = 1e-8;
 constexpr double kMostDamping = 1e6;
 constexpr double kLessDamping = 0.2;
 constexpr double kMoreDamping = 4;
@@ -52,16 +53,17 @@ constexpr double kTimid = 0.7;       // of the slope that a step leaves, above w
 constexpr double kPart = 0.25;      // of a step that went too far, tried first
 constexpr int kMostSearch = 60;     // evaluations along it
 
+constexpr double kMostRelaxed = 0.2;      // share of all cells: with more without light a step has gone astray
 constexpr int kRings = 8;               // of thin cells around each other, to a cell that tells the scale
 constexpr double kJoin = 1e-10;  // of the second derivative, between parts of the target that no cell bridges
-constexpr double kNarrowing = 0.1;         // factor on the radius of strips and disks from stage to stage
-constexpr double kNarrowingError = 0.3;    // l1 error after the prediction that is repaired quickly
+constexpr double kNarrowing = 0.1;          // factor on the radius of strips and disks from stage to stage
+constexpr double kNarrowingError = 0.6;     // l1 error after the prediction that is repaired quickly
 constexpr double kLeastNarrowing = 0.95;   // smaller steps than this are left to the repair
 // Half width of strips and disks at the start of every level, in distances between sites: beside area light they shall
 // not blur it, alone they may be as wide as eases the start.
 constexpr double kStartRadius = 0.3;
-constexpr double kStartRadiusAlone = 3;
-constexpr double kCoarseError = 0.01;  // l1 error that is good enough for what only leads to the last solve
+constexpr double kStartRadiusAlone = 1;
+constexpr double kCoarseError = 0.01;   // l1 error that is good enough for what only leads to the last solve
 
 double dot(const Potential& a, const Potential& b) {
   return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
@@ -205,7 +207,8 @@ class Level {
 
   /// Lets cells with too little light grow, where the dual falls by it.
   Evaluation relaxed(Evaluation now) {
-    if (now.min_share >= detail::RelaxationOptions{}.below) return now;
+    const bool hopeless = now.empty > kMostRelaxed * static_cast<double>(now.psi.size());
+    if (hopeless || now.min_share >= detail::RelaxationOptions{}.below) return now;
     Stopwatch watch;
     Potential grown = detail::relax_cells(measure_, now.diagram, sampling_.sites, now.psi, now.cells.masses,
                                           sampling_.masses, {.reach = reach_});
@@ -230,7 +233,7 @@ class Level {
       // What parts of the target have too much or too little of is moved between them first if it outweighs the rest.
       const bool between = second.parts > 1 && 2 * dot(inner, inner) < dot(now.gradient, now.gradient);
       const Potential step = between ? second.means(second.laplacian.solve(plus(now.gradient, -1, inner)))
-                                     : second.laplacian.solve(inner);
+                                     : second.within(second.laplacian.solve(inner));
       phases_.equations += watch.lap();
       const double slope = dot(now.gradient, step);
       const bool lost_in_rounding = slope < 20 * kValueNoise * std::abs(now.value);
@@ -241,21 +244,27 @@ class Level {
         if (lost_in_rounding) ratio = trial.max_error < now.max_error ? 1 : -1;
         return trial.l1_error < kGoodError * now.l1_error ? std::max(ratio, kGoodRatio) : ratio;
       };
-      constexpr double kNoEnd = std::numeric_limits<double>::infinity();
       Evaluation trial = evaluate(plus(now.psi, -1, step));
-      // Parts of the target that few cells bridge are moved too little by a damped step, and need no new one.
-      if (dot(trial.gradient, step) > kTimid * slope)
-        trial = searched(now, step, slope, 1 / kPart, std::move(trial), 1, kNoEnd);
+      const bool timid = dot(trial.gradient, step) > kTimid * slope;
+      if (timid) {
+        // Parts of the target that few cells bridge are moved too little by a damped step, and need no new one.
+        constexpr double kNoEnd = std::numeric_limits<double>::infinity();
+        Evaluation longer = searched(now, step, slope, 1 / kPart, trial, 1, kNoEnd);
+        const bool sound = longer.min_share >= std::min(trial.min_share, kThin);
+        if (sound && (between || longer.l1_error < trial.l1_error)) trial = std::move(longer);
+      }
       trial = relaxed(std::move(trial));
       double ratio = ratio_of(trial);
       const bool nearer = trial.l1_error < now.l1_error;
-      if (ratio < kBadRatio || !nearer) {
+      if (ratio < kBadRatio || (ratio < kTimidRatio && !nearer)) {
         damping *= kMoreDamping;
         thin_damping = std::min(1.0, thin_damping * kMoreDamping);
-      } else if (ratio > kTimidRatio) {
-        thin_damping *= kLessDamping;
+      } else {
+        if (ratio > kTimidRatio) thin_damping *= kLessDamping;
+        // Damping that a timid step calls too much has no floor, unless thin cells are what holds it.
+        const double floor = timid && now.min_share >= kThin ? kLeastDamping : kLeastDampingPerError * trial.l1_error;
+        if (ratio >= kGoodRatio) damping = std::max(damping * kLessDamping, std::min(floor, damping));
       }
-      if (ratio >= kGoodRatio && nearer) damping = std::max(damping * kLessDamping, kLeastDampingPerError * trial.l1_error);
       if (ratio < kArmijo) {
         damping *= kMoreDamping;
         trial = relaxed(searched(now, step, slope, kPart, now, 0, 1));
@@ -447,7 +456,7 @@ class Level {
     Potential tangent;    // d psi / d radius
   };
   Prediction predict(const Evaluation& e) {
-    const Curvature second = curvature(e, 0, 0);
+    const Curvature second = curvature(e, kLeastDampingPerError * e.l1_error, 1);
     return {plus(e.psi, -1, second.laplacian.solve(second.within(e.gradient))),
             second.laplacian.solve(second.within(radius_derivative(e)))};
   }

@@ -10,7 +10,7 @@ namespace lightmill::detail {
 namespace {
 
 constexpr int kMostTries = 40;
-constexpr std::size_t kMostNeighbours = 24;
+constexpr std::size_t kMostNeighbours = 24;  // of a cell that is grown, or looked at again: others are left to whole steps
 constexpr double kFirstFall = 0.05;  // of a potential, in distances to a neighbour times that one's perimeter
 
 /// A power diagram whose potentials have changed here and there.
@@ -87,7 +87,7 @@ class GrownCell {
     for (const int centre : {beside, site, aged.near(site)}) {
       if (centre < 0) continue;
       meet(centre);
-      // Those of a cell that has very many are found one by one as they are needed.
+      // Those of a cell that has very many are found one by one, as they are needed.
       if (aged.degree(centre) <= kMostNeighbours) aged.for_each_neighbour(centre, meet);
     }
   }
@@ -249,7 +249,7 @@ std::vector<double> relax_cells(const TargetMeasure& measure, const PowerDiagram
     queue.pop_front();
     queued[site] = 0;
     const int near = aged.near(site);
-    if (near < 0) continue;
+    if (near < 0 || aged.degree(site) > kMostNeighbours) continue;
     GrownCell cell(aged, site, near, options.reach);
     double potential = aged.psi[site];
     const auto appears = appearance.find(site);
@@ -261,7 +261,7 @@ std::vector<double> relax_cells(const TargetMeasure& measure, const PowerDiagram
     const std::vector<int> neighbours = cell.neighbours();
     aged.appear(site, neighbours);
     for (const int other : neighbours) {
-      if (queued[other]) continue;
+      if (queued[other] || aged.degree(other) > kMostNeighbours) continue;
       GrownCell rest(aged, other, site, options.reach);
       shares[other] = light.mass(rest.at(aged.psi[other])) / wanted[other];
       if (shares[other] >= options.below) continue;
