@@ -71,9 +71,10 @@ Contact climb(const SplineSurface& surface, double radius, const Vec2& centre, c
 
 BallContact::BallContact(const SplineSurface& surface, double radius_mm, double margin_mm)
     : surface_(&surface), radius_mm_(radius_mm) {
-  // A sample for every half span, but no finer than the ball can feel and no coarser than it can bridge.
+  // Four samples a span, or two hills on a crease look like one; but no finer than the ball can feel and no coarser than
+  // it can bridge.
   const Box2& extent = surface.extent();
-  const Vec2 wish = (surface.span_mm() / 2).cwiseMax(radius_mm / 32).cwiseMin(radius_mm / 8);
+  const Vec2 wish = (surface.span_mm() / 4).cwiseMax(radius_mm / 32).cwiseMin(radius_mm / 8);
   Vec2 size = extent.size() + Vec2::Constant(2 * margin_mm);
   const int nx = static_cast<int>(std::ceil(size.x() / wish.x()));
   const int ny = static_cast<int>(std::ceil(size.y() / wish.y()));
@@ -162,7 +163,7 @@ Contact BallContact::at(double x, double y) const {
 }
 
 Contact ball_contact(const SplineSurface& surface, double radius_mm, double x, double y) {
-  const Vec2 wish = (surface.span_mm() / 3).cwiseMax(radius_mm / 64).cwiseMin(radius_mm / 12);
+  const Vec2 wish = (surface.span_mm() / 4).cwiseMax(radius_mm / 64).cwiseMin(radius_mm / 12);
   const int nx = static_cast<int>(std::ceil(radius_mm / wish.x()));
   const int ny = static_cast<int>(std::ceil(radius_mm / wish.y()));
   const double px = radius_mm / nx;

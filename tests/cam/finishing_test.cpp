@@ -158,6 +158,37 @@ TEST(BallContact, IsTheHighestOfADenseSearchOnRoughSurfaces) {
   }
 }
 
+TEST(BallContact, TellsHillsOnACreaseApartThatAreCloserThanASpan) {
+  // Ridges and valleys at a slant to the grid, a little rough: hills along them lie half a span apart.
+  const double radius = 2;
+  for (const unsigned seed : {20U, 28U, 36U}) {
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> u(-1, 1);
+    const double along_x = u(random), along_y = u(random), offset = u(random);
+    const double one = 0.2 + 0.15 * u(random), other = 0.2 + 0.15 * u(random);
+    Grid<double> c(41, 35);
+    for (int j = 0; j < c.height; ++j) {
+      for (int i = 0; i < c.width; ++i) {
+        const double x = -6 + (i - 1) * 12.0 / 38, y = -5 + (j - 1) * 10.0 / 32;
+        c.at(i, j) = 12 - one * std::abs(y - along_x * x) - other * std::abs(x - along_y * y - offset) + 0.04 * u(random);
+      }
+    }
+    const SplineSurface s(box(-6, -5, 6, 5), 38, 32, c);
+    const detail::BallContact ball(s, radius, 4);
+    std::uniform_real_distribution<double> place(-4, 4);
+    for (int k = 0; k < 400; ++k) {
+      const double x = place(random), y = place(random);
+      double dense = 0;
+      constexpr double kStep = 0.03, kReach = 0.9;
+      for (double v = -kReach; v <= kReach; v += kStep) {
+        for (double w = -kReach; w <= kReach; w += kStep)
+          dense = std::max(dense, s.height(x + v, y + w) + std::sqrt(radius * radius - v * v - w * w));
+      }
+      EXPECT_GE(ball.at(x, y).z, dense - kCentreToleranceMm) << "seed " << seed << " at " << x << " " << y;
+    }
+  }
+}
+
 // ---- passes -------------------------------------------------------------------------------------------------------
 
 TEST(Finishing, StepoverOnAPlaneIsTheClosedForm) {
