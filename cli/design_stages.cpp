@@ -180,6 +180,7 @@ StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor
                                           {"seconds_diagrams", s.phases.diagrams},
                                           {"seconds_integrals", s.phases.integrals},
                                           {"seconds_equations", s.phases.equations},
+                                          {"seconds_relaxation", s.phases.relaxation},
                                           {"iterations", s.iterations},
                                           {"levels", s.levels},
                                           {"l1_mass_error", s.l1_mass_error},

@@ -214,7 +214,8 @@ class Level {
                                           sampling_.masses, {.reach = reach_});
     phases_.relaxation += watch.lap();
     Evaluation next = evaluate(std::move(grown));
-    return next.value < now.value ? next : now;
+    if (next.value < now.value) return next;
+    return now;
   }
 
   /// Levenberg and Marquardt's damping of Newton's steps, in the metric of the source's Laplacian: a cell that light is

@@ -4,22 +4,13 @@
 #include <cmath>
 #include <utility>
 
+#include "design/detail/clip.h"
+
 namespace lightmill::detail {
 
 namespace {
 
 constexpr double kRounding = 1e-11;  // of the brightest jump: what is left when the jumps along a row have been summed
-
-/// Keeps of [t0, t1] what has 0 <= p + t d <= most; false when nothing is left.
-bool clip(double p, double d, double most, double& t0, double& t1) {
-  if (d == 0) return p >= 0 && p <= most;
-  double enter = -p / d;
-  double leave = (most - p) / d;
-  if (enter > leave) std::swap(enter, leave);
-  t0 = std::max(t0, enter);
-  t1 = std::min(t1, leave);
-  return t0 <= t1;
-}
 
 /// Density along a pixel's left side, constant between steps.
 class Profile {
@@ -278,7 +269,7 @@ PixelDensity::Integral PixelDensity::along(const Vec2& p, const Vec2& q) const {
   const double dy = by - ay;
   double t0 = 0;
   double t1 = 1;
-  if (!clip(ay, dy, height_, t0, t1)) return result;
+  if (!clip(ay, dy, 0, height_, t0, t1)) return result;
 
   Sum sum;  // `line` is of rho dt
 
@@ -293,7 +284,7 @@ PixelDensity::Integral PixelDensity::along(const Vec2& p, const Vec2& q) const {
   };
   double in = t0;
   double out = t1;
-  if (!clip(ax, dx, width_, in, out)) {
+  if (!clip(ax, dx, 0, width_, in, out)) {
     if (ax + dx * (t0 + t1) / 2 >= width_) right(t0, t1);
     in = out = t1;
   } else {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "design/core/parallel.h"
+#include "design/detail/clip.h"
 
 namespace lightmill::detail {
 
@@ -24,17 +25,6 @@ struct Share {
 
 double cross(const Vec2& a, const Vec2& b) {
   return a.x() * b.y() - a.y() * b.x();
-}
-
-/// Keeps of [t0, t1] what has lo <= p + t d <= hi; false when nothing is left.
-bool clip(double p, double d, double lo, double hi, double& t0, double& t1) {
-  if (d == 0) return p >= lo && p <= hi;
-  double enter = (lo - p) / d;
-  double leave = (hi - p) / d;
-  if (enter > leave) std::swap(enter, leave);
-  t0 = std::max(t0, enter);
-  t1 = std::min(t1, leave);
-  return t0 <= t1;
 }
 
 /// A strip as a region of the plane that cells are integrated over.
