@@ -78,6 +78,16 @@ struct LinkGuard {
   }
 };
 
+/// What the operator has put on the machine.
+OperatorSetup setup_of(const SimulatedShop& shop) {
+  OperatorSetup setup;
+  for (const auto& file : shop.cutter_files) setup.cutters.push_back(read_cutter(file));
+  setup.blank = shop.blank;
+  setup.workpiece_origin_mm = shop.workpiece_origin_mm;
+  setup.work_offset = shop.work_offset;
+  return setup;
+}
+
 }  // namespace
 
 std::string stream_end_name(StreamEnd end) {
@@ -113,11 +123,7 @@ std::vector<std::string> machine_arguments(const SimulatedShop& shop, const fs::
 
 void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::path& out, const std::function<bool()>& should_end) {
   const MachineModel machine = read_machine(shop.machine_file);
-  OperatorSetup setup;
-  for (const auto& file : shop.cutter_files) setup.cutters.push_back(read_cutter(file));
-  setup.blank = shop.blank;
-  setup.workpiece_origin_mm = shop.workpiece_origin_mm;
-  setup.work_offset = shop.work_offset;
+  const OperatorSetup setup = setup_of(shop);
   SimulationOptions options;
   options.time_factor = shop.time_factor;
   options.baud = shop.baud;
@@ -255,11 +261,7 @@ SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string
   if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
   for (const char* stale : {"machined.tif", "machined_peaks.tif", "result.json"}) fs::remove(out / stale, error);
   const MachineModel machine = read_machine(shop.machine_file);
-  OperatorSetup setup;
-  for (const auto& file : shop.cutter_files) setup.cutters.push_back(read_cutter(file));
-  setup.blank = shop.blank;
-  setup.workpiece_origin_mm = shop.workpiece_origin_mm;
-  setup.work_offset = shop.work_offset;
+  const OperatorSetup setup = setup_of(shop);
   StockOptions stock;
   stock.pitch_mm = shop.pitch_um / 1000;
   std::vector<ProgramFile> files;
