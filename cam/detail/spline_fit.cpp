@@ -357,7 +357,7 @@ SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const Monitor&
     equations.add(x.first, y.first, x.value, y.slope, slopes[v].y(), slope_weight);
   }
   equations.add_smoothing(kSmoothing);
-  equations.add_end_conditions(getenv("EW") ? atof(getenv("EW")) : 1);
+  equations.add_end_conditions(kEndCondition);
   monitor.report("fitting the spline surface", 0.2);
 
   Grid<double> coefficients = equations.solve();
