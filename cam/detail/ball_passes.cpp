@@ -82,9 +82,11 @@ struct Station {
 /// it changes within a millimetre by some nanometres, there is a line in the picture.)
 class SpacingField {
  public:
-  SpacingField(double from_y, double to_y, double pitch_mm, double most_mm)
-      : from_(from_y), to_(to_y), pitch_(pitch_mm) {
-    limits_.assign(static_cast<std::size_t>(std::ceil((to_y - from_y) / pitch_mm - 1e-9)), most_mm);
+  /// Cells of at most `pitch_mm` that divide the way evenly, so that a mirrored part gets mirrored passes.
+  SpacingField(double from_y, double to_y, double pitch_mm, double most_mm) : from_(from_y), to_(to_y) {
+    const double cells = std::max(1.0, std::ceil((to_y - from_y) / pitch_mm - 1e-9));
+    pitch_ = (to_y - from_y) / cells;
+    limits_.assign(static_cast<std::size_t>(cells), most_mm);
   }
 
   /// Of the cells: passes for a survey.
@@ -104,21 +106,36 @@ class SpacingField {
       limits_[k] = std::min(limits_[k], spacing_mm);
   }
 
-  /// Passes from the first place to the last or just beyond.
+  /// Passes from the first place to the last; what the last spacing is too long by stands out evenly at both ends.
   [[nodiscard]] std::vector<double> places() const {
     const std::vector<double> smooth = smooth_envelope();
-    const auto at = [&](double y) {
-      const double u = std::clamp((y - from_) / pitch_ - 0.5, 0.0, static_cast<double>(smooth.size() - 1));
-      const std::size_t k = std::min(static_cast<std::size_t>(u), smooth.size() - 1);
-      const std::size_t next = std::min(k + 1, smooth.size() - 1);
-      return smooth[k] + (smooth[next] - smooth[k]) * (u - static_cast<double>(k));
+    // Spacings passed by the middle of every cell; between the middles the spacing is linear in y.
+    const double half_first = pitch_ / 2 / smooth.front();
+    std::vector<double> count = {half_first};
+    const auto spacings = [](double from, double to, double length) {
+      const double bend = (to - from) / from;
+      return length / from * (std::abs(bend) < 1e-6 ? 1 - bend / 2 : std::log1p(bend) / bend);
     };
-    std::vector<double> ys = {from_};
-    while (ys.back() < to_ - 1e-9) {
-      const double y = ys.back();
-      double spacing = at(y);
-      for (int k = 0; k < 4; ++k) spacing = at(y + spacing / 2);
-      ys.push_back(y + spacing);
+    for (std::size_t k = 1; k < smooth.size(); ++k)
+      count.push_back(count.back() + spacings(smooth[k - 1], smooth[k], pitch_));
+    const double total = count.back() + pitch_ / 2 / smooth.back();
+    const int passes = static_cast<int>(std::ceil(total - 1e-9)) + 1;
+    const double surplus = (passes - 1 - total) / 2;
+    std::vector<double> ys;
+    std::size_t k = 0;
+    for (int pass = 0; pass < passes; ++pass) {
+      const double at = pass - surplus;
+      if (at <= count.front()) {
+        ys.push_back(from_ + at * smooth.front());
+      } else if (at >= count.back()) {
+        ys.push_back(to_ - (total - at) * smooth.back());
+      } else {
+        while (count[k + 1] < at) ++k;
+        const double bend = (smooth[k + 1] - smooth[k]) / smooth[k];
+        const double way = (at - count[k]) * smooth[k];  // at the spacing of the cell's middle
+        const double x = way * bend / pitch_;
+        ys.push_back(from_ + (static_cast<double>(k) + 0.5) * pitch_ + (std::abs(x) < 1e-6 ? way * (1 + x / 2) : way * std::expm1(x) / x));
+      }
     }
     return ys;
   }

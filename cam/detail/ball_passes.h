@@ -37,7 +37,7 @@ struct SpacingOptions {
   double cutting_radius_mm = 2;  ///< R of the cutter; `ball` has R + allowance
   double cusp_mm = 1.3e-3;       ///< highest cusp on the reachable surface, along its normal
   double from_x = 0, to_x = 0;   ///< of every full pass
-  double from_y = 0, to_y = 0;   ///< of the first pass; the last one is there or less than a spacing beyond
+  double from_y = 0, to_y = 0;   ///< of the first and the last pass, which lie up to half a spacing beyond
   PathTolerance tolerance;
 };
 
