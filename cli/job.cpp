@@ -257,6 +257,7 @@ void read_controller(TomlTable table, Job& job) {
   job.controller.one_program = table.boolean("one_program", job.controller.one_program);
   job.controller.block_numbers = table.boolean("block_numbers", job.controller.block_numbers);
   job.controller.tip_tolerance_um = table.number_in("tip_tolerance_um", job.controller.tip_tolerance_um, 0.001, 1000);
+  job.controller.arcs = table.boolean("arcs", job.controller.arcs);
 }
 
 void read_dry_run(TomlTable table, Job& job) {
@@ -504,7 +505,8 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                                .put("decimals", job.controller.decimals)
                                .put("one_program", job.controller.one_program)
                                .put("block_numbers", job.controller.block_numbers)
-                               .put("tip_tolerance_um", job.controller.tip_tolerance_um);
+                               .put("tip_tolerance_um", job.controller.tip_tolerance_um)
+                               .put("arcs", job.controller.arcs);
   sections["dry_run"] = Section()
                             .put("pitch_um", job.dry_run.pitch_um)
                             .put("polish_sigma_um", job.dry_run.polish_sigma_um)

@@ -67,6 +67,7 @@ struct ControllerSpec {
   int decimals = 5;
   bool block_numbers = false;
   double tip_tolerance_um = 0.2;
+  bool arcs = false;                    ///< G2, G3 for straight moves that stay within tip_tolerance_um
 };
 
 struct DryRunSpec {

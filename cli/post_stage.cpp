@@ -24,6 +24,7 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
   options.block_numbers = job.controller.block_numbers;
   options.job_name = job.name;
   options.job_hash = making_digest(job).substr(0, 16);
+  if (job.controller.arcs) options.arc_tolerance_mm = job.controller.tip_tolerance_um / 1000;
 
   // All programs first, then the files: a pass that the machine cannot reach leaves no program behind.
   StageResult result;
@@ -34,29 +35,49 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
     motions.push_back(plan_motion(machine, setup, passes[i], motion_options, monitor.part(share * i, share * (i + 1))));
   }
   const std::vector<Program> programs = write_programs(machine, setup, motions, job.controller.one_program, options);
+  ProgramOptions straight = options;
+  straight.arc_tolerance_mm = 0;
+  const std::vector<Program> without_arcs =
+      job.controller.arcs ? write_programs(machine, setup, motions, job.controller.one_program, straight)
+                          : std::vector<Program>();
   monitor.report("programs", 1);
   for (const AxisMotion& motion : motions) {
-    std::size_t blocks = 0, bytes = 0;
+    const auto makes_it = [&](const Program& program) {
+      return std::find(program.passes.begin(), program.passes.end(), motion.pass) != program.passes.end();
+    };
+    std::size_t blocks = 0, bytes = 0, straight_bytes = 0, arcs = 0;
+    double max_arc_error_mm = 0, rounding_s = 0, worst_rounding = 1;
+    std::vector<double> feed_seconds;
     json files = json::array();
+    for (const Program& program : without_arcs) {
+      if (makes_it(program)) straight_bytes += program.text.size();
+    }
     for (const Program& program : programs) {
-      if (std::find(program.passes.begin(), program.passes.end(), motion.pass) == program.passes.end()) continue;
+      if (!makes_it(program)) continue;
       blocks += program.blocks;
       bytes += program.text.size();
+      arcs += program.arcs;
+      max_arc_error_mm = std::max(max_arc_error_mm, program.max_arc_error_mm);
+      rounding_s += program.rounding_s;
+      worst_rounding = std::max(worst_rounding, program.worst_rounding);
+      feed_seconds.insert(feed_seconds.end(), program.feed_seconds.begin(), program.feed_seconds.end());
       files.push_back({{"file", "program/" + program.file_name}, {"sha256", sha256_of_text(program.text)}});
     }
     std::string names;
     for (const json& file : files) names += (names.empty() ? "" : ", ") + file["file"].get<std::string>();
     // Only grblHAL is fed over the link while it mills; the others run files.
-    const DataRate rate = data_rate(machine, motion, bytes, blocks, machine.controller == "grblhal" ? job.stream.baud : 0);
+    const DataRate rate = data_rate(machine, feed_seconds, bytes, blocks, machine.controller == "grblhal" ? job.stream.baud : 0);
     report[motion.pass] = {{"blocks", blocks},
                            {"bytes", bytes},
-                           {"max_tip_error_um", motion.max_tip_error_um},
+                           {"max_tip_error_um", std::max(motion.max_tip_error_um, 1e3 * max_arc_error_mm)},
                            {"max_axis_speed_ratio", motion.max_axis_speed_ratio},
                            {"rewinds", motion.rewinds},
                            {"slowed_moves", motion.slowed_moves},
                            {"worst_slowing", motion.worst_slowing},
                            {"worst_slowing_at_mm",
                             {motion.worst_slowing_at_mm.x(), motion.worst_slowing_at_mm.y(), motion.worst_slowing_at_mm.z()}},
+                           {"rounding_s", rounding_s},
+                           {"worst_rounding", worst_rounding},
                            {"dialect", machine.controller},
                            {"tcp", uses_tcp(machine, motion, options)},
                            {"file", names},
@@ -69,6 +90,12 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
                              {"link_blocks_per_s", rate.link_blocks_per_s},
                              {"starved_share", rate.starved_share},
                              {"remedy", rate.remedy}}}};
+    if (job.controller.arcs) {
+      report[motion.pass]["arcs"] = {{"count", arcs},
+                                     {"max_error_um", 1e3 * max_arc_error_mm},
+                                     {"bytes_without", straight_bytes},
+                                     {"bytes_saved", static_cast<long long>(straight_bytes) - static_cast<long long>(bytes)}};
+    }
   }
   for (const Program& program : programs) {
     write_whole(folder.file("program/" + program.file_name), program.text);

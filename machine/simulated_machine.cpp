@@ -565,8 +565,8 @@ struct SimulatedMachine::Impl {
       say("$132=" + fixed(machine.z.max_mm - machine.z.min_mm, 3));
     } else if (line == "$G") {
       const detail::GcodeModes& m = interpreter.modes();
-      std::string text = "[GC:G" + std::to_string(m.motion) + " G" + std::to_string(m.offset) + " G17 G" +
-                         (m.inches ? "20" : "21") + " G" + (m.incremental ? "91" : "90") + " G" +
+      std::string text = "[GC:G" + std::to_string(m.motion) + " G" + std::to_string(m.offset) + " G" +
+                         std::to_string(m.plane) + " G" + (m.inches ? "20" : "21") + " G" + (m.incremental ? "91" : "90") + " G" +
                          (m.inverse_time ? "93" : "94") + (m.tool_length_mm != 0 ? " G43.1" : " G49") + " M" +
                          std::to_string(m.spindle);
       text += m.mist ? " M7" : "";

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <limits>
-#include <vector>
+#include <numeric>
 
 #include "design/core/text.h"
 
@@ -14,8 +14,8 @@ constexpr double kUsable = 0.9;
 
 }  // namespace
 
-DataRate data_rate(const MachineModel& machine, const AxisMotion& motion, std::size_t bytes, std::size_t blocks,
-                   int baud) {
+DataRate data_rate(const MachineModel& machine, std::span<const double> feed_seconds, std::size_t bytes,
+                   std::size_t blocks, int baud) {
   constexpr double unlimited = std::numeric_limits<double>::infinity();
   DataRate rate;
   rate.bytes_per_block = blocks > 0 ? static_cast<double>(bytes) / static_cast<double>(blocks) : 0;
@@ -26,13 +26,8 @@ DataRate data_rate(const MachineModel& machine, const AxisMotion& motion, std::s
   const double link = rate.link_blocks_per_s > 0 ? rate.link_blocks_per_s : unlimited;
   const double given = std::min(control, link);
 
-  std::vector<double> times;
-  double total_s = 0;
-  for (const AxisMove& move : motion.moves) {
-    if (move.kind == MoveKind::kRapid || move.seconds <= 0) continue;
-    times.push_back(move.seconds);
-    total_s += move.seconds;
-  }
+  const std::span<const double> times = feed_seconds;
+  const double total_s = std::accumulate(times.begin(), times.end(), 0.0);
   if (times.empty()) return rate;
   rate.mean_blocks_per_s = static_cast<double>(times.size()) / total_s;
   const std::size_t window =
@@ -54,8 +49,8 @@ DataRate data_rate(const MachineModel& machine, const AxisMotion& motion, std::s
                   (by_link ? "the link gives " : "the control gives ") + compact(given, 0) + ": ";
     rate.remedy += by_link ? "run it from the control's disk, use " +
                                  compact(rate.peak_blocks_per_s * rate.bytes_per_block * kBitsPerByte / kUsable, 0) +
-                                 " baud, fewer decimals, or a wider chord_tolerance_um"
-                           : "use a wider chord_tolerance_um or tip_tolerance_um, tool-centre-point control, or a feed "
+                                 " baud, arcs, fewer decimals, or a wider chord_tolerance_um"
+                           : "use arcs, a wider chord_tolerance_um or tip_tolerance_um, tool-centre-point control, or a feed "
                              "lower by a factor of " +
                                  compact(rate.peak_blocks_per_s / given, 2);
   }

@@ -1,9 +1,10 @@
 // How fast a program wants to be read, against what the control and the link can do.
 #pragma once
 
+#include <span>
 #include <string>
 
-#include "postproc/program.h"
+#include "postproc/machine_model.h"
 
 namespace lightmill {
 
@@ -17,8 +18,8 @@ struct DataRate {
   std::string remedy;               ///< empty: nothing to do
 };
 
-/// `baud` of the link by which the program is fed while it runs, 10 bits a byte; 0: from the control's disk.
-DataRate data_rate(const MachineModel& machine, const AxisMotion& motion, std::size_t bytes, std::size_t blocks,
-                   int baud);
+/// `feed_seconds`: planned, of each block that feeds. `baud` of the link by which the program is fed while it runs, 10 bits a byte; 0: from the control's disk.
+DataRate data_rate(const MachineModel& machine, std::span<const double> feed_seconds, std::size_t bytes,
+                   std::size_t blocks, int baud);
 
 }  // namespace lightmill

@@ -9,6 +9,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
+#include "postproc/detail/arc_fit.h"
 #include "postproc/detail/dialect.h"
 #include "postproc/detail/trunnion.h"
 #include "postproc/program_check.h"
@@ -27,6 +28,10 @@ constexpr double kFeedSlack = 1e-9;
 constexpr double kLeastFeed = 1e-4;
 constexpr double kMostTime_s = 999.999;  // of an FT word
 constexpr double kDegPerRad = 180 / kPi;
+constexpr double kSameSpeed = 1e-6;  // of moves that one arc replaces
+constexpr int kXyPlane = 2;
+constexpr std::array<std::string_view, 3> kPlaneWords{"G19", "G18", "G17"};  // by the axis across
+constexpr std::array<std::string_view, 4> kMotionWords{"G0", "G1", "G2", "G3"};
 
 // Text for comments: printable ASCII without what ends a comment or what a grbl controller takes as a real-time
 // command.
@@ -34,9 +39,8 @@ std::string plain(const std::string& text) {
   std::string result;
   for (const unsigned char c : text) {
     if (c >= 0x80 && c < 0xC0) continue;  // the rest of a UTF-8 character
-    const bool good =
-        c >= ' ' && c < 0x7F && std::string_view("()!?~%$;").find(static_cast<char>(c)) == std::string_view::npos;
-    result += good ? static_cast<char>(c) : c == ';' ? ',' : '_';
+    const bool good = c >= ' ' && c < 0x7F && std::string_view("!?~%$").find(static_cast<char>(c)) == std::string_view::npos;
+    result += c == '(' ? '[' : c == ')' ? ']' : c == ';' ? ',' : good ? static_cast<char>(c) : '_';
   }
   return result;
 }
@@ -118,19 +122,23 @@ class ProgramWriter {
     sheet_.endless_inner = machine.has_rotary() && std::isinf(machine.inner.max_rad);
     sheet_.smoothing_mm = options.smoothing_mm;
     sheet_.smoothing_deg = options.smoothing_deg;
+    sheet_.arcs = options.arc_tolerance_mm > 0;
   }
 
   Program write() {
     header();
     for (const AxisMotion& pass : passes_) {
       begin_pass(pass);
-      for (const AxisMove& move : pass.moves) {
-        if (move.kind == MoveKind::kRapid) {
-          rapid(move);
-        } else {
-          feed(move);
+      for (std::size_t i = 0; i < pass.moves.size();) {
+        if (options_.arc_tolerance_mm > 0) {
+          const std::size_t end = end_of_stretch(i);
+          if (end > i) {
+            cut_with_arcs(i, end);
+            i = end;
+            continue;
+          }
         }
-        from_ = move.joints;
+        write_move(pass.moves[i++]);
       }
       end_pass();
     }
@@ -146,9 +154,10 @@ class ProgramWriter {
     all(dialect_.closing(sheet_));
     text_ += dialect_.last_lines(sheet_);
     if (dialect_.percent) text_ += "%\n";
-    Program program{control_name(dialect_, stem_) + std::string(dialect_.extension), std::move(text_), blocks_, {}};
-    for (const AxisMotion& pass : passes_) program.passes.push_back(pass.pass);
-    return program;
+    program_.file_name = control_name(dialect_, stem_) + std::string(dialect_.extension);
+    program_.text = std::move(text_);
+    for (const AxisMotion& pass : passes_) program_.passes.push_back(pass.pass);
+    return std::move(program_);
   }
 
  private:
@@ -197,7 +206,7 @@ class ProgramWriter {
   void end_block() {
     if (dialect_.language == Language::kHeidenhainIso) text_ += " *";
     text_ += dialect_.line_end;
-    ++blocks_;
+    ++program_.blocks;
   }
 
   void block(const std::string& words) {
@@ -290,7 +299,7 @@ class ProgramWriter {
     return std::equal(to.begin() + first, to.begin() + last + 1, at_.begin() + first);
   }
 
-  // G0, G1 where they change; a TNC says L in every block.
+  // G0 to G3 where they change; a TNC says L in every block.
   void mode(int g) {
     if (dialect_.language == Language::kConversational) {
       space();
@@ -299,7 +308,7 @@ class ProgramWriter {
     }
     if (mode_ == g) return;
     space();
-    text_ += dialect_.language == Language::kHeidenhainIso ? (g == 0 ? "G00" : "G01") : (g == 0 ? "G0" : "G1");
+    text_ += dialect_.language == Language::kHeidenhainIso ? (g == 0 ? "G00" : "G01") : kMotionWords[g];
     mode_ = g;
   }
 
@@ -447,11 +456,17 @@ class ProgramWriter {
   }
 
   void end_pass() {
+    leave_arc_plane();
     if (tcp_on_) leave_tcp();
     if (timed_ && dialect_.language != Language::kConversational) block("G94");
     all(dialect_.after_cut(sheet_));
     all(dialect_.coolant_off_spindle_off(air_word(*pass_) != nullptr));
     block(dialect_.machine_move(top_words()));
+  }
+
+  void leave_arc_plane() {
+    if (plane_ != kXyPlane) block("G17");
+    plane_ = kXyPlane;
   }
 
   void leave_tcp() {
@@ -462,6 +477,7 @@ class ProgramWriter {
 
   // What stands between the machine's top and the first move below it; words that go in front of that move's own.
   Blocks leave_top() {
+    leave_arc_plane();  // the tool's length belongs to G17
     Blocks blocks = dialect_.descend(sheet_, first_descent_);
     first_descent_ = false;
     if (sheet_.tcp) {
@@ -507,6 +523,15 @@ class ProgramWriter {
     end_block();
   }
 
+  void write_move(const AxisMove& move) {
+    if (move.kind == MoveKind::kRapid) {
+      rapid(move);
+    } else {
+      feed(move);
+    }
+    from_ = move.joints;
+  }
+
   void feed(const AxisMove& move) {
     if (at_[kZ] == kTop) throw NumericalError("a cut begins at the machine's top");
     const Vec3 at = point(move.joints);
@@ -534,12 +559,20 @@ class ProgramWriter {
     begin_block();
     mode(1);
     axis_words(to, first, last);
+    end_feed_block(way, seconds);
+  }
+
+  void end_feed_block(double way, double seconds) {
+    program_.feed_seconds.push_back(seconds);
     if (timed_ && dialect_.language == Language::kConversational) {
       // A time, rounded up.
       const double ms = std::ceil(seconds * 1000 * (1 - kFeedSlack));
       if (!(ms <= kMostTime_s * 1000))
         throw InputError(pass_->pass + ": a move takes longer than 999.999 s, the control's longest FT");
-      text_ += " FT" + compact(std::max(ms, 1.0) / 1000, 3);
+      const double written_s = std::max(ms, 1.0) / 1000;
+      program_.rounding_s += written_s - seconds;
+      program_.worst_rounding = std::max(program_.worst_rounding, written_s / seconds);
+      text_ += " FT" + compact(written_s, 3);
     } else {
       std::string word = feed_text(timed_ ? 60 / seconds : 60 * way / seconds);
       if (timed_ || word != feed_) {
@@ -549,6 +582,72 @@ class ProgramWriter {
       }
     }
     end_block();
+  }
+
+  // Arcs --------------------------------------------------------------------------------------------------------------
+
+  // The end of the moves from `begin` on that arcs may replace: straight cuts at one speed that every axis can go, rotary
+  // axes standing.
+  [[nodiscard]] std::size_t end_of_stretch(std::size_t begin) const {
+    const double slowest =
+        std::min({machine_.x.max_speed_mm_per_s, machine_.y.max_speed_mm_per_s, machine_.z.max_speed_mm_per_s});
+    double speed = 0;
+    JointPosition from = from_;
+    std::size_t end = begin;
+    for (; end < pass_->moves.size(); ++end) {
+      const AxisMove& move = pass_->moves[end];
+      if (move.kind != MoveKind::kCut || move.rotary_moves) break;
+      const double now = (point(move.joints) - point(from)).norm() / move.seconds;
+      if (end == begin) speed = now;
+      if (!(now <= slowest && std::abs(now - speed) <= kSameSpeed * speed)) break;
+      from = move.joints;
+    }
+    return end;
+  }
+
+  void cut_with_arcs(std::size_t begin, std::size_t end) {
+    std::vector<Vec3> points{point(from_)};
+    for (std::size_t i = begin; i < end; ++i) points.push_back(point(pass_->moves[i].joints));
+    for (std::size_t i = begin; i < end;) {
+      const auto run =
+          detail::longest_arc(std::span(points).subspan(i - begin), options_.arc_tolerance_mm, 1 / unit_);
+      if (run) {
+        arc(*run, std::span(points).subspan(i - begin, run->moves + 1), i);
+        i += run->moves;
+      } else {
+        write_move(pass_->moves[i++]);
+      }
+    }
+  }
+
+  void arc(const detail::ArcRun& run, std::span<const Vec3> points, std::size_t first_move) {
+    const AxisMove& last = pass_->moves[first_move + run.moves - 1];
+    const Position from = at_, to = words(last.joints, points.back());
+    double way = 0, seconds = 0;
+    for (std::size_t i = 0; i < run.moves; ++i) {
+      way += (points[i + 1] - points[i]).norm();
+      seconds += pass_->moves[first_move + i].seconds;
+    }
+    begin_block();
+    if (run.arc.normal != plane_) {
+      space();
+      text_ += kPlaneWords[run.arc.normal];
+      plane_ = run.arc.normal;
+    }
+    mode(run.arc.clockwise ? 2 : 3);
+    for (int w = kX; w <= kZ; ++w) {
+      if (w != run.arc.normal || to[w] != at_[w]) axis_word(w, to[w]);
+    }
+    for (int w = kX; w <= kZ; ++w) {
+      if (w == run.arc.normal) continue;
+      space();
+      text_ += static_cast<char>('I' + w);
+      number(std::llround(run.arc.centre_mm[w] * unit_) - from[w]);
+    }
+    end_feed_block(way, seconds);
+    ++program_.arcs;
+    program_.max_arc_error_mm = std::max(program_.max_arc_error_mm, run.error_mm);
+    from_ = last.joints;
   }
 
   // Facts -------------------------------------------------------------------------------------------------------------
@@ -572,7 +671,7 @@ class ProgramWriter {
   std::string stem_;
   const AxisMotion* pass_ = nullptr;
   std::string text_;
-  std::size_t blocks_ = 0;
+  Program program_;
   unsigned long long number_ = 0;  // of the next (conversational) or last block
   bool fresh_ = true;              // no word in this block yet
   bool timed_ = false;             // every block of the cut carries its time
@@ -581,6 +680,7 @@ class ProgramWriter {
   Position at_{};
   JointPosition from_;  // the move before
   int mode_ = -1;
+  int plane_ = kXyPlane;
   std::string feed_;
 };
 
@@ -590,6 +690,11 @@ void check_input(const MachineModel& machine, const WorkSetup& setup, const Axis
   if (options.decimals < 3 || options.decimals > most_decimals) {
     throw InputError("decimals = " + std::to_string(options.decimals) + ": must be from 3 to " +
                      std::to_string(most_decimals) + " for " + machine.controller);
+  }
+  if (options.arc_tolerance_mm > 0 && !detail::dialect_of(machine.controller).arcs) {
+    throw InputError("arcs are asked for ([controller] arcs), but " + machine.controller +
+                     " programs have straight moves only: another plane would turn its tool length; use \"grblhal\", "
+                     "\"linuxcnc\" or \"fanuc\"");
   }
   if (setup.work_offset < 54 || setup.work_offset > 59) {
     throw InputError("work offset G" + std::to_string(setup.work_offset) + " does not exist: use 54 to 59");

@@ -18,6 +18,7 @@ struct ProgramOptions {
   double warm_up_s = 8;         ///< spindle dwell before the first cut; the machine's own start time if that is longer
   double smoothing_mm = 0.002;  ///< what the control may leave its path by: G64 P, cycle 32, CYCLE832
   double smoothing_deg = 0.02;  ///< the same for rotary axes
+  double arc_tolerance_mm = 0;  ///< G2 and G3 replace straight moves that stay this near; 0: none
   int part = 0, parts = 0;      ///< of a pass in several programs, from 1; 0: whole
 };
 
@@ -26,6 +27,11 @@ struct Program {
   std::string text;                 ///< ASCII
   std::size_t blocks = 0;           ///< blocks for the control, without comments
   std::vector<std::string> passes;  ///< that it makes, or a part of
+  std::vector<double> feed_seconds; ///< planned, of each feed block
+  std::size_t arcs = 0;             ///< blocks of G2 and G3
+  double rounding_s = 0;            ///< that whole milliseconds (FT) add to the planned times,
+  double worst_rounding = 1;        ///< and the greatest factor for one block
+  double max_arc_error_mm = 0;      ///< between arcs and the straight moves that they replace
 };
 
 /// The name of a pass' program: "10_rough", "20_semi_finish", "30_finish", "40_<pass>", as the dialect wants it.
@@ -36,7 +42,8 @@ std::string program_file_name(const std::string& pass, const std::string& contro
 /// positions (the gauge point less the work offset's zero and, in Z, less the tool's length); feeds are per minute if
 /// no rotary joint moves in the cut of the pass, otherwise every block carries its time (G93, FT), rounded to the
 /// slower side. With it words are the tip in the workpiece frame (on Heidenhain the ball's centre) and feeds those of
-/// that point. Only words that changed. Throws InputError for what machine, tool or control do not allow, and
+/// that point. Only words that changed. With `arc_tolerance_mm`, runs of straight cuts at one feed and with still rotary
+/// axes become arcs in the plane they bend in. Throws InputError for what machine, tool or control do not allow, and
 /// NumericalError if the finished text fails check_program_text().
 Program write_program(const MachineModel& machine, const WorkSetup& setup, std::span<const AxisMotion> passes,
                       const ProgramOptions& options = {});

@@ -22,6 +22,7 @@ constexpr double kTop_mm = 1e-6;      // how near to the machine's top is at the
 constexpr double kPlane_mm = 1e-3;    // rapids may graze the safe plane by rounding
 constexpr double kFeedLoss = 3e-4;    // a feed word may be this much too slow by rounding down, and nothing too fast
 constexpr double kTimeLoss_s = 1e-3;  // of an FT word, rounded up
+constexpr std::size_t kSamplesPerMove = 4;  // of an arc that stands for several moves
 constexpr double kDegree = kPi / 180;
 constexpr double kPoseSlack = 10;  // in half units: axes follow from a rounded tip and rounded angles under TCP
 
@@ -128,6 +129,11 @@ class Checker {
     run_modes(block);
     if (block.has(Order::kRapid)) mode_ = 0;
     if (block.has(Order::kFeed)) mode_ = 1;
+    if (block.has(Order::kClockwise)) mode_ = 2;
+    if (block.has(Order::kCounterClockwise)) mode_ = 3;
+    if (mode_ < 2 && !(std::isnan(block.centre[0]) && std::isnan(block.centre[1]) && std::isnan(block.centre[2]))) {
+      complain("the centre of an arc without G2 or G3");
+    }
     if (block.linear() || block.rotary()) {
       move(block);
     } else if (block.has(Order::kMachine)) {
@@ -151,6 +157,7 @@ class Checker {
       measured_ = true;
     }
     if (block.has(Order::kLengthOn)) {
+      if (plane_ != 2) complain("the tool length is called outside G17");
       if (tool_ < 0 || (block.length_of != 0 && block.length_of != tool_))
         complain("G43 H is not the tool in the spindle");
       const double delta = dialect_.tcp_ball_centre && wants_tcp() ? -cutter.radius_mm() : 0;
@@ -180,6 +187,9 @@ class Checker {
       if (block.smoothing > options_.smoothing_mm + 1e-9) complain("the tolerance is wider than what was asked for");
     }
     if (block.has(Order::kSmoothOff)) smooth_ = false;
+    if (block.has(Order::kPlane)) plane_ = 2;
+    if (block.has(Order::kPlaneZx)) plane_ = 1;
+    if (block.has(Order::kPlaneYz)) plane_ = 0;
     if (block.has(Order::kShortWay)) short_way_ = true;
     if (block.has(Order::kLongWay)) short_way_ = false;
   }
@@ -236,6 +246,7 @@ class Checker {
     if (tcp_ != Tcp::kOff) complain("the program ends under tool-centre-point control");
     if (short_way_) complain("the program ends with M126 in force");
     if (inverse_time_) complain("the program ends in G93");
+    if (plane_ != 2) complain("the program ends outside G17");
   }
 
   [[nodiscard]] static bool endless(const RotaryAxis& axis) { return std::isinf(axis.max_rad); }
@@ -309,7 +320,11 @@ class Checker {
     } else {
       feed(block);
     }
-    follow(block, from, to);
+    if (mode_ > 1) {
+      arc(block, from, to);
+    } else {
+      follow(block, from, to);
+    }
   }
 
   void within_limits(const Place& to) {
@@ -400,7 +415,7 @@ class Checker {
     if (next_ < moves.size() && is_at(moves[next_].joints, to)) {
       const AxisMove& planned = moves[next_];
       if ((planned.kind == MoveKind::kRapid) != (mode_ == 0)) complain("rapid and feed are mixed up");
-      if (mode_ == 1) check_time(planned, block, from, to);
+      if (mode_ == 1) check_time(planned.seconds, length_of(block, from, to), block);
       ++next_;
       return;
     }
@@ -412,7 +427,7 @@ class Checker {
       const Vec3 rest = tcp_ == Tcp::kOn ? Vec3(detail::tip_at(machine_, setup_, length_mm_, j) - to.point)
                                          : Vec3(j.x_mm - to.x, j.y_mm - to.y, j.z_mm - to.z);
       if (is_turned(j, to) && rest.norm() < dialect_.least_linear_mm + 2 * half_unit_) {
-        check_time(moves[next_], block, from, to);
+        check_time(moves[next_].seconds, length_of(block, from, to), block);
         return;
       }
     }
@@ -423,24 +438,110 @@ class Checker {
                  : "the block does not end where the plan's move " + std::to_string(next_ + 1) + " ends");
   }
 
-  void check_time(const AxisMove& planned, const Block& block, const Place& from, const Place& to) {
+  // An arc stands for planned cuts, none of which lies farther from it than was granted.
+  void arc(const Block& block, const Place& from, const Place& to) {
+    if (block.rotary()) return complain("a rotary word in an arc");
+    if (!dialect_.arc_centre_is_relative && (modal_ & bit(Order::kRelativeCentre)) == 0) {
+      return complain("an arc before G91.1");
+    }
+    const auto u = static_cast<std::size_t>((plane_ + 1) % 3), v = static_cast<std::size_t>((plane_ + 2) % 3);
+    if (!(std::isfinite(block.centre[u]) && std::isfinite(block.centre[v]))) return complain("an arc without its centre");
+    if (std::isfinite(block.centre[static_cast<std::size_t>(plane_)])) return complain("an arc's centre out of its plane");
+    const auto& moves = pass().moves;
+    std::size_t last = next_;
+    while (last < moves.size() && moves[last].kind == MoveKind::kCut && !moves[last].rotary_moves &&
+           !is_at(moves[last].joints, to)) {
+      ++last;
+    }
+    if (last >= moves.size() || moves[last].kind != MoveKind::kCut || moves[last].rotary_moves) {
+      return complain("the arc does not end where one of the plan's cuts from move " + std::to_string(next_ + 1) +
+                      " on ends");
+    }
+    const Vec3 start = guided(from), end = guided(to);
+    Vec3 centre = start;
+    centre[plane_] = 0;
+    centre[static_cast<Eigen::Index>(u)] += block.centre[u];
+    centre[static_cast<Eigen::Index>(v)] += block.centre[v];
+    const auto around = [&](const Vec3& p) {
+      return Eigen::Vector2d(p[static_cast<Eigen::Index>(u)] - centre[static_cast<Eigen::Index>(u)],
+                             p[static_cast<Eigen::Index>(v)] - centre[static_cast<Eigen::Index>(v)]);
+    };
+    const Eigen::Vector2d first = around(start), final = around(end);
+    const double sense = mode_ == 2 ? -1 : 1;
+    double turn = std::atan2(first.x() * final.y() - first.y() * final.x(), first.dot(final)) * sense;
+    if (turn <= 0) turn += 2 * kPi;
+    if (turn > kPi) return complain("an arc of more than half a turn");
+
+    double seconds = 0;
+    std::vector<Vec3> planned{start};
+    for (std::size_t i = next_; i <= last; ++i) {
+      planned.push_back(guided(moves[i].joints));
+      seconds += moves[i].seconds;
+    }
+    // Both ways: points along the arc from the planned line, planned ends of moves from the arc.
+    double off = 0;
+    std::size_t piece = 1;
+    const auto from_piece = [&](const Vec3& at, std::size_t i) {
+      const Vec3 way = planned[i] - planned[i - 1];
+      const double along = std::clamp((at - planned[i - 1]).dot(way) / std::max(way.squaredNorm(), 1e-18), 0.0, 1.0);
+      return (at - planned[i - 1] - along * way).norm();
+    };
+    const std::size_t samples = kSamplesPerMove * (planned.size() - 1);
+    for (std::size_t i = 0; i <= samples; ++i) {
+      const double t = static_cast<double>(i) / static_cast<double>(samples);
+      const double angle = sense * t * turn, c = std::cos(angle), s = std::sin(angle);
+      const Eigen::Vector2d way = (1 + t * (final.norm() / first.norm() - 1)) *
+                                  Eigen::Vector2d(c * first.x() - s * first.y(), s * first.x() + c * first.y());
+      Vec3 at = start + t * (end - start);
+      at[static_cast<Eigen::Index>(u)] = centre[static_cast<Eigen::Index>(u)] + way.x();
+      at[static_cast<Eigen::Index>(v)] = centre[static_cast<Eigen::Index>(v)] + way.y();
+      double nearest = from_piece(at, piece);
+      while (piece + 1 < planned.size()) {
+        const double next = from_piece(at, piece + 1);
+        if (next > nearest) break;
+        nearest = next;
+        ++piece;
+      }
+      off = std::max(off, nearest);
+    }
+    for (const Vec3& p : planned) off = std::max(off, std::abs(around(p).norm() - first.norm()));
+    if (!(off <= options_.arc_tolerance_mm + 2 * half_unit_)) {
+      complain("the arc leaves the plan's moves " + std::to_string(next_ + 1) + " to " + std::to_string(last + 1) + " by " +
+               compact(off * 1e3, 2) + " um");
+    }
+    check_time(seconds, std::hypot(turn * first.norm(), end[plane_] - start[plane_]), block);
+    next_ = last + 1;
+  }
+
+  [[nodiscard]] Vec3 guided(const Place& place) const {
+    return tcp_ == Tcp::kOn ? place.point : Vec3(place.x, place.y, place.z);
+  }
+  [[nodiscard]] Vec3 guided(const JointPosition& joints) const {
+    return tcp_ == Tcp::kOn ? detail::tip_at(machine_, setup_, length_mm_, joints)
+                            : Vec3(joints.x_mm, joints.y_mm, joints.z_mm);
+  }
+
+  // What the feed counts: mm, or degrees where only rotary axes move.
+  [[nodiscard]] double length_of(const Block& block, const Place& from, const Place& to) const {
+    if (!block.linear()) return std::hypot(to.outer - from.outer, to.inner - from.inner) / kDegree;
+    return (guided(to) - guided(from)).norm();
+  }
+
+  void check_time(double planned_s, double length, const Block& block) {
     if (block.has(Order::kTimed) || inverse_time_) {
       const double seconds = inverse_time_ ? 60 / block.f : block.time;
-      const double slower = inverse_time_ ? planned.seconds * (1 + kFeedLoss) : planned.seconds + kTimeLoss_s + 1e-9;
-      if (seconds < planned.seconds * (1 - 1e-6)) complain("F is faster than planned");
+      const double slower = inverse_time_ ? planned_s * (1 + kFeedLoss) : planned_s + kTimeLoss_s + 1e-9;
+      if (seconds < planned_s * (1 - 1e-6)) complain("F is faster than planned");
       if (seconds > slower) complain("F is slower than planned");
       return;
     }
-    double length =
-        tcp_ == Tcp::kOn ? (to.point - from.point).norm() : std::hypot(to.x - from.x, to.y - from.y, to.z - from.z);
-    if (!block.linear()) length = std::hypot(to.outer - from.outer, to.inner - from.inner) / kDegree;
     // Rounded coordinates change a short block's length.
     const double blur = 4 * half_unit_ / std::max(length, half_unit_);
     const double seconds = 60 * length / feed_;
     if (std::isnan(seconds) || blur > 0.5) return;
-    if (seconds < planned.seconds * (1 - 1e-6 - blur)) complain("F is faster than planned");
+    if (seconds < planned_s * (1 - 1e-6 - blur)) complain("F is faster than planned");
     const double coarse = kFeedLoss + std::pow(10.0, -dialect_.feed_decimals) / feed_;
-    if (seconds > planned.seconds * (1 + coarse + blur)) complain("F is slower than planned");
+    if (seconds > planned_s * (1 + coarse + blur)) complain("F is slower than planned");
   }
 
   void finish_pass() {
@@ -494,7 +595,8 @@ class Checker {
   std::vector<bool> wants_tcp_;  // per pass
   // Modal state.
   std::uint64_t modal_ = 0, needed_ = 0;
-  int mode_ = -1;
+  int mode_ = -1;   // of G0 to G3
+  int plane_ = 2;  // axis across the plane of arcs
   bool inverse_time_ = false;
   double feed_ = kNotSaid;
   double speed_ = 0;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <utility>
 
 namespace lightmill::detail {
 
@@ -16,6 +17,17 @@ constexpr int kMostChords = 100000;
 
 constexpr std::uint32_t bit(char letter) {
   return 1U << (letter - 'A');
+}
+
+/// The axes of G17 (X, Y), G18 (Z, X) and G19 (Y, Z): G3 turns from the first to the second.
+constexpr std::pair<std::size_t, std::size_t> axes_of(int plane) {
+  const auto across = static_cast<std::size_t>(19 - plane);
+  return {(across + 1) % 3, (across + 2) % 3};
+}
+
+constexpr std::uint32_t bits_in_plane(int plane) {
+  const auto [u, v] = axes_of(plane);
+  return bit(static_cast<char>('X' + u)) | bit(static_cast<char>('X' + v));
 }
 
 /// Letters that carry a value; G and M are commands.
@@ -91,6 +103,7 @@ struct Interpreter::Block {
   std::uint32_t groups = 0;
   AxisCommand axis_command = AxisCommand::kNone;
   int motion = -1;
+  int plane = -1;
   int offset = -1;
   int units = -1, distance = -1, feed_mode = -1;
   int tool_length = -1;  ///< 43 or 49
@@ -211,6 +224,9 @@ int Interpreter::add_command_g(int tenths, Block& block) const {
       block.machine_coordinates = true;
       return claim(kOneShotGroup);
     case 170:
+    case 180:
+    case 190:
+      block.plane = tenths / 10;
       return claim(kPlaneGroup);
     case 200:
     case 210:
@@ -358,6 +374,7 @@ int Interpreter::execute(std::string_view line) {
   if (block.distance >= 0) modes.incremental = block.distance == 91;
   if (block.feed_mode >= 0) modes.inverse_time = block.feed_mode == 93;
   if (block.motion >= 0) modes.motion = block.motion;
+  if (block.plane >= 0) modes.plane = block.plane;
   if (block.offset >= 0) modes.offset = block.offset;
   const double unit = modes.inches ? kMmPerInch : 1.0;
 
@@ -470,7 +487,7 @@ int Interpreter::execute(std::string_view line) {
       }
     } else {
       if (axis_words == 0) return fail(kNoAxisWords);
-      if ((axis_words & (bit('X') | bit('Y'))) == 0) return fail(kNoArcPlane);
+      if ((axis_words & bits_in_plane(modes.plane)) == 0) return fail(kNoArcPlane);
       const int error = add_arc(block, modes, modes.motion == 2, target, modes.inverse_time ? 0 : 60 / modes.feed,
                                 modes.inverse_time ? 60 / inverse_time : 0, unused);
       if (error != kGcodeOk) return fail(error);
@@ -484,6 +501,7 @@ int Interpreter::execute(std::string_view line) {
     steps_.push_back({.kind = GcodeStep::kEnd, .number = block.stop});
     // A program's end resets modes, not units, feed, tool and its length [grblHAL's program completion].
     modes.motion = 1;
+    modes.plane = 17;
     modes.offset = 54;
     modes.incremental = false;
     modes.inverse_time = false;
@@ -498,7 +516,9 @@ int Interpreter::execute(std::string_view line) {
 int Interpreter::add_arc(const Block& block, const GcodeModes& modes, bool clockwise, const Joints& target,
                          double seconds_per_mm, double block_seconds, std::uint32_t& unused) {
   const double unit = modes.inches ? kMmPerInch : 1.0;
-  const double dx = target[0] - position_[0], dy = target[1] - position_[1];
+  const auto [u, v] = axes_of(modes.plane);
+  const char letter_u = static_cast<char>('I' + u), letter_v = static_cast<char>('I' + v);
+  const double dx = target[u] - position_[u], dy = target[v] - position_[v];
   double i = 0, j = 0;  // centre from the start
   if (block.has('R')) {
     unused &= ~bit('R');
@@ -514,15 +534,15 @@ int Interpreter::add_arc(const Block& block, const GcodeModes& modes, bool clock
     i = dx / 2 - dy * h;
     j = dy / 2 + dx * h;
   } else {
-    if (!block.has('I') && !block.has('J')) return kNoArcOffsets;
-    if (block.has('I')) i = block.of('I') * unit;
-    if (block.has('J')) j = block.of('J') * unit;
-    unused &= ~(bit('I') | bit('J'));
+    if (!block.has(letter_u) && !block.has(letter_v)) return kNoArcOffsets;
+    if (block.has(letter_u)) i = block.of(letter_u) * unit;
+    if (block.has(letter_v)) j = block.of(letter_v) * unit;
+    unused &= ~(bit(letter_u) | bit(letter_v));
     const double r = std::hypot(i, j), end_r = std::hypot(dx - i, dy - j), off = std::abs(end_r - r);
     // grbl: 5 um, or 0.1 % of the radius but never more than 0.5 mm.
     if (off > 0.005 && (off > 0.5 || off > 0.001 * r)) return kInvalidTarget;
   }
-  const double cx = position_[0] + i, cy = position_[1] + j;
+  const double cx = position_[u] + i, cy = position_[v] + j;
   const double r0 = std::hypot(i, j), r1 = std::hypot(dx - i, dy - j);
   if (r0 == 0 || r1 == 0) return kInvalidTarget;
   const double a0 = std::atan2(-j, -i), a1 = std::atan2(dy - j, dx - i);
@@ -540,17 +560,17 @@ int Interpreter::add_arc(const Block& block, const GcodeModes& modes, bool clock
   if (!(wanted <= kMostChords)) return kInvalidTarget;
   const int count = std::max(1, static_cast<int>(wanted));
   double square = std::pow((r0 + r1) / 2 * turn, 2);
-  for (std::size_t k = 2; k < 5; ++k) {
-    square += std::pow((target[k] - position_[k]) / (k < 3 ? 1.0 : kRadPerDegree), 2);
+  for (std::size_t k = 0; k < 5; ++k) {
+    if (k != u && k != v) square += std::pow((target[k] - position_[k]) / (k < 3 ? 1.0 : kRadPerDegree), 2);
   }
   const double seconds = block_seconds > 0 ? block_seconds : std::sqrt(square) * seconds_per_mm;
   for (int n = 1; n <= count; ++n) {
     const double t = static_cast<double>(n) / count, a = a0 + t * turn, rt = r0 + t * (r1 - r0);
     GcodeStep chord{.kind = GcodeStep::kMove, .target = target, .seconds = seconds / count};
     if (n < count) {
-      chord.target[0] = cx + rt * std::cos(a);
-      chord.target[1] = cy + rt * std::sin(a);
-      for (std::size_t k = 2; k < 5; ++k) chord.target[k] = position_[k] + t * (target[k] - position_[k]);
+      for (std::size_t k = 0; k < 5; ++k) chord.target[k] = position_[k] + t * (target[k] - position_[k]);
+      chord.target[u] = cx + rt * std::cos(a);
+      chord.target[v] = cy + rt * std::sin(a);
     }
     steps_.push_back(chord);
   }

@@ -71,6 +71,7 @@ struct GcodeStep {
 /// Modal state as `$G` reports it.
 struct GcodeModes {
   int motion = 0;   ///< 0, 1, 2, 3, 80
+  int plane = 17;   ///< 17, 18, 19: of arcs
   int offset = 54;  ///< 54..59
   bool inches = false;
   bool incremental = false;

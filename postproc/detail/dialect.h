@@ -36,6 +36,7 @@ struct Sheet {
   double delta_mm = 0;   ///< from the tip to the point the program speaks of, along the tool downwards
   double smoothing_mm = 0, smoothing_deg = 0;
   bool turning = false;  ///< rotary axes move in the cut
+  bool arcs = false;     ///< the cut may hold some
 };
 
 using Blocks = std::vector<std::string>;
@@ -62,6 +63,8 @@ class Dialect {
   bool dwell_in_ms = false;
   bool modulo_rotary = false;     ///< an endless axis is written within a turn: C=DC(...)
   bool inverse_time = true;       ///< has a word for a block's time
+  bool arc_centre_is_relative = false;  ///< always; otherwise G91.1 makes it so
+  bool arcs = false;              ///< G2 and G3 in three planes do not touch the tool's length
   bool tcp = false;               ///< can have tool-centre-point control
   bool tcp_inverse_time = false;  ///< keeps inverse time under it
   bool tcp_ball_centre = false;   ///< which then guides the ball's centre

@@ -21,6 +21,7 @@ class Fanuc final : public Rs274 {
     tcp = true;
     smoothing_needed = true;
     least_linear_mm = 1e-3;
+    arc_centre_is_relative = true;
   }
   [[nodiscard]] Blocks coolant_off_spindle_off(bool coolant) const override {
     return coolant ? Blocks{"M5", "M9"} : Blocks{"M5"};  // one M code per block

@@ -207,6 +207,17 @@ void BlockReader::words(std::string_view text) {
         case 10:
           block.order(Order::kFeed);
           break;
+        case 20:
+        case 30:
+          block.order(!dialect_.arcs ? Order::kCount : value == 2 ? Order::kClockwise : Order::kCounterClockwise);
+          break;
+        case 180:
+        case 190:
+          block.order(!dialect_.arcs ? Order::kCount : value == 18 ? Order::kPlaneZx : Order::kPlaneYz);
+          break;
+        case 911:
+          block.order(dialect_.arcs && !dialect_.arc_centre_is_relative ? Order::kRelativeCentre : Order::kCount);
+          break;
         case 40:
           dwell = 1;
           break;
@@ -301,7 +312,7 @@ void BlockReader::words(std::string_view text) {
     if ((seen & bit) != 0) complain(std::string("two words ") + letter);
     seen |= bit;
     const int axis = axis_of(letter);
-    if (dialect_.decimal_point && (axis >= 0 || letter == 'F') && token.find('.') == std::string_view::npos) {
+    if (dialect_.decimal_point && (axis >= 0 || letter == 'F' || (letter >= 'I' && letter <= 'K')) && token.find('.') == std::string_view::npos) {
       complain(std::string(1, letter) + " without a decimal point");
     }
     if (dialect_.plus_sign && axis >= 0 && token[1] != '+' && token[1] != '-')
@@ -332,6 +343,11 @@ void BlockReader::words(std::string_view text) {
         break;
       case 'D':
         d = value;
+        break;
+      case 'I':
+      case 'J':
+      case 'K':
+        block.centre[static_cast<std::size_t>(letter - 'I')] = value;
         break;
       case 'N':
         if (!(value > next_number_)) complain("block numbers do not grow");

@@ -16,11 +16,16 @@ namespace lightmill::detail {
 enum class Order : std::uint8_t {
   kRapid,     ///< G0, FMAX
   kFeed,      ///< G1, L with a feed
+  kClockwise,
+  kCounterClockwise,
   kMachine,   ///< machine coordinates in this block: G53, SUPA, M91
   kNoLength,  ///< D0 in this block: the tool's length is out of force
   kMetric,
   kAbsolute,
   kPlane,     ///< XY
+  kPlaneZx,
+  kPlaneYz,
+  kRelativeCentre,  ///< G91.1
   kNoRadius,  ///< G40, R0
   kNoCycle,
   kOffset,  ///< work offset `offset`
@@ -48,6 +53,7 @@ struct Block {
   std::uint64_t orders = 0;
   std::uint64_t m_codes = 0;                                                     ///< bits 0 to 63
   std::array<double, 5> axis{kNotSaid, kNotSaid, kNotSaid, kNotSaid, kNotSaid};  ///< mm and degrees
+  std::array<double, 3> centre{kNotSaid, kNotSaid, kNotSaid};                    ///< I, J, K
   double f = kNotSaid, s = kNotSaid, t = kNotSaid;
   double number = kNotSaid;  ///< of the block
   int offset = 0;

@@ -9,7 +9,8 @@ std::string Rs274::comment(const std::string& text) const {
 }
 
 Blocks Rs274::safe_modes(const Sheet& sheet) const {
-  return {"G21 G90 G94 G17 G40 G49 G80 G" + std::to_string(sheet.work_offset)};
+  return {"G21 G90 G94 G17 G40 G49 G80 G" + std::to_string(sheet.work_offset) +
+          (sheet.arcs && !arc_centre_is_relative ? " G91.1" : "")};
 }
 
 std::string Rs274::machine_move(const std::string& words) const {

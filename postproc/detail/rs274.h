@@ -7,6 +7,7 @@ namespace lightmill::detail {
 
 class Rs274 : public Dialect {
  public:
+  Rs274() { arcs = true; }
   [[nodiscard]] std::string comment(const std::string& text) const override;
   [[nodiscard]] Blocks safe_modes(const Sheet& sheet) const override;
   [[nodiscard]] std::string machine_move(const std::string& words) const override;

@@ -96,6 +96,22 @@ TEST_F(InterpreterTest, ArcsStayWithinATenthOfAMicrometre) {
   EXPECT_EQ(last, (Joints{0, 30, 2, 0, 0}));
   EXPECT_NEAR(seconds, 60.0 / 1000 * std::hypot(30 * kPi / 2, 2), 1e-9);
 
+  // In the other planes G3 turns from Z to X and from Y to Z.
+  ASSERT_EQ(interpreter.execute("G0 X0 Y0 Z-10"), 0);
+  ASSERT_EQ(interpreter.execute("G18 G3 X-10 Z0 I0 K10"), 0);
+  for (const GcodeStep& step : interpreter.steps()) {
+    EXPECT_NEAR(std::hypot(step.target[0], step.target[2]), 10, 1e-9);
+    EXPECT_LE(step.target[0], 0);
+  }
+  ASSERT_EQ(interpreter.execute("G0 X0 Y10 Z0"), 0);
+  ASSERT_EQ(interpreter.execute("G19 G2 Y0 Z-10 J-10"), 0);
+  for (const GcodeStep& step : interpreter.steps()) {
+    EXPECT_NEAR(std::hypot(step.target[1], step.target[2]), 10, 1e-9);
+    EXPECT_LE(step.target[2], 0);
+  }
+  EXPECT_EQ(interpreter.execute("G3 X5 J1"), kNoArcPlane);
+  ASSERT_EQ(interpreter.execute("G17 G0 X0 Y30 Z2"), 0);
+
   // The same by radius, clockwise and back; a negative radius takes the long way.
   ASSERT_EQ(interpreter.execute("G2 X30 Y0 Z2 R30"), 0);
   for (const GcodeStep& step : interpreter.steps()) EXPECT_NEAR(std::hypot(step.target[0], step.target[1]), 30, 1e-9);
@@ -177,7 +193,6 @@ TEST_F(InterpreterTest, RefusesWhatItCannotObey) {
       {"G43.4", kUnsupported},
       {"G28", kUnsupported},
       {"G92 X0", kUnsupported},
-      {"G18", kUnsupported},
       {"M128", kUnsupported},
       {"M3.5", kNotInteger},
       {"G0 A1", kUnsupported},  // this machine has no A axis

@@ -224,6 +224,50 @@ TEST(ProgramRoundTripGuided, TheControlKeepsTipAndCentreOnTheirLines) {
   }
 }
 
+// Arcs are chords here; every one of them lies by the planned straight moves, on every control that takes arcs.
+TEST(ProgramRoundTripArcs, TheTipStaysByThePlannedLines) {
+  constexpr double kArc_mm = 2e-4;
+  for (const Case& c : {Case{"linuxcnc", false, false}, {"linuxcnc", true, false}, {"fanuc", false, false}, {"fanuc", true, false}}) {
+    Planned p = plan(c.controller, false);
+    const ToolPath path = test::fixed_rows(25 * test::kDeg, 0, 2, 150);
+    p.motion = plan_motion(p.machine, p.work, path);
+    ProgramOptions options;
+    options.decimals = 4;
+    options.tcp = c.tcp;
+    options.arc_tolerance_mm = kArc_mm;
+    const Program program = write_program(p.machine, p.work, p.motion, options);
+    ASSERT_GT(program.arcs, 10U);
+    ReaderSetup setup;
+    setup.offsets[1] = {p.work.origin_mm.x(), p.work.origin_mm.y(), p.work.origin_mm.z(), 0, 0};
+    setup.tool_length_mm = {{path.cutter.number, path.cutter.length_mm}};
+    WorkpieceView view(p.machine, p.work.origin_mm);
+    double worst = 0, seconds = 0, planned = 0;
+    std::size_t chords = 0, arrived = 0;
+    const ReadResult result =
+        read_program(program.text, reader_dialect(c.controller), p.machine, setup, [&](const ProgramStep& step) {
+          if (step.kind != ProgramStep::kMove || step.rapid) return;
+          const AxisValues& q = step.target;
+          const Vec3 tip = view.cutter({q[0], q[1], q[2], q[3], q[4]}, path.cutter.length_mm).tip_mm;
+          double nearest = 1e9;
+          for (std::size_t i = 1; i < path.moves.size(); ++i) {
+            const Vec3 a = path.moves[i - 1].pose.tip_mm, b = path.moves[i].pose.tip_mm;
+            const double t = std::clamp((tip - a).dot(b - a) / std::max((b - a).squaredNorm(), 1e-12), 0.0, 1.0);
+            nearest = std::min(nearest, (tip - a - t * (b - a)).norm());
+          }
+          worst = std::max(worst, nearest);
+          seconds += step.seconds;
+          ++chords;
+          arrived += step.whole;
+        });
+    EXPECT_FALSE(result.error) << "line " << result.error->line << ": " << result.error->rule;
+    EXPECT_LT(worst, kArc_mm + kTip_mm) << c.controller << ": tolerance and last decimals";
+    EXPECT_GT(chords, arrived);
+    for (const AxisMove& move : p.motion.moves) planned += move.seconds;
+    EXPECT_GE(seconds, planned * (1 - 1e-5));
+    EXPECT_LE(seconds, planned * 1.01);
+  }
+}
+
 // Any chain, rotary axes as measured (not square), pivots that meet nowhere, either sign: what is written is read back.
 RC_GTEST_PROP(ProgramRoundTripAnyMachine, EveryPlannedPoseArrives, ()) {
   static const std::vector<Case> cases = all_cases();

@@ -10,19 +10,18 @@ namespace {
 
 using testing::HasSubstr;
 
-// `slow` moves of 10 ms, then `fast` ones of 1 ms.
-AxisMotion motion(int slow, int fast) {
-  AxisMotion m;
-  m.moves.push_back({{}, MoveKind::kRapid, 0, true});
-  for (int i = 0; i < slow + fast; ++i) m.moves.push_back({{}, MoveKind::kCut, i < slow ? 0.01 : 0.001, false});
-  return m;
+// `slow` blocks of 10 ms, then `fast` ones of 1 ms.
+std::vector<double> times(int slow, int fast) {
+  std::vector<double> seconds(static_cast<std::size_t>(slow), 0.01);
+  seconds.insert(seconds.end(), static_cast<std::size_t>(fast), 0.001);
+  return seconds;
 }
 
 TEST(DataRate, PeakIsOfTheBusiestStretch) {
   MachineModel machine = test::fixture_machine();
   machine.planner_blocks = 50;
   machine.min_block_s = 0.002;
-  const AxisMotion m = motion(100, 100);
+  const std::vector<double> m = times(100, 100);
   const DataRate rate = data_rate(machine, m, 42 * 200, 200, 0);
   EXPECT_DOUBLE_EQ(rate.bytes_per_block, 42);
   EXPECT_NEAR(rate.mean_blocks_per_s, 200 / 1.1, 1e-9);
@@ -39,8 +38,7 @@ TEST(DataRate, PeakIsOfTheBusiestStretch) {
 // Ten bits a byte and a tenth spare: 500 blocks/s of 42 bytes want 233 kbaud.
 TEST(DataRate, ASlowLinkIsToldTheBaudItNeeds) {
   const MachineModel machine = test::fixture_machine();
-  AxisMotion m = motion(0, 500);
-  for (AxisMove& move : m.moves) move.seconds *= 2;
+  const std::vector<double> m(500, 0.002);
   const DataRate slow = data_rate(machine, m, 42 * 500, 500, 115200);
   EXPECT_NEAR(slow.link_blocks_per_s, 115200 * 0.9 / 420, 1e-9);
   EXPECT_NEAR(slow.starved_share, 0.802, 1e-9) << "once the control's look-ahead of 100 blocks is used up";

@@ -82,7 +82,7 @@ TEST(WriteGrblHal, GoldenHeaderAndFooter) {
   // B30 C0: p = P + Ry(-30)(o + w - P), P = (0, 0, -380), o = (0, 0, -390); program = p - o. For w = (1, 2, 40):
   // x = cos 30 - 30 sin 30, z = 10 + 30 cos 30 + sin 30.
   EXPECT_EQ(made.program.text, R"((LIGHTMILL )" LIGHTMILL_VERSION R"( 30_finish.nc)
-(JOB Test _50__ _t__)
+(JOB Test [50_] _t__)
 (HASH OF THE JOB 0123abcd)
 (MAKES the finish pass of a lens, 7 moves, rotary axes fixed)
 (TIME ABOUT 0.2 MIN, accelerations not counted)
@@ -92,8 +92,8 @@ TEST(WriteGrblHal, GoldenHeaderAndFooter) {
 (TOOL finish AT 36000 RPM, cutting data: test)
 (ZERO G54 = WORKPIECE ORIGIN WITH B0 C0: the centre of the blank's back)
 (ZERO IN MACHINE COORDINATES X0.000 Y0.000 Z-390.000)
-(MACHINE B/C trunnion, travels of a Mikron HSM 400U _unverified_, grblHAL)
-(_stand-in_)
+(MACHINE B/C trunnion, travels of a Mikron HSM 400U [unverified], grblHAL)
+([stand-in])
 (MACHINE Unverified: travels, speeds, pivots. The real machine has a Heidenhain)
 (iTNC 530.)
 (NO TOOL CENTRE CONTROL: the program holds axis positions and fits this)
