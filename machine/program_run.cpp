@@ -117,36 +117,58 @@ class Runner {
   }
 
   void move(const ProgramStep& step) {
+    within_limits(step);
+    if (!step.rapid || machine_.has_straight_rapids()) return go(step, step.target);
+    // Every axis at its own speed: a leg up to the next one's arrival.
+    const AxisValues from = at_;
+    AxisValues arrivals{};
+    for (std::size_t i = 0; i < 5; ++i) arrivals[i] = axis_seconds(i, from[i], step.target[i]);
+    AxisValues order = arrivals;
+    std::sort(order.begin(), order.end());
+    double before = 0;
+    for (const double seconds : order) {
+      if (seconds <= before) continue;
+      AxisValues to = step.target;
+      for (std::size_t i = 0; i < 5; ++i) {
+        if (arrivals[i] > seconds) to[i] = from[i] + seconds / arrivals[i] * (step.target[i] - from[i]);
+      }
+      go(step, to);
+      before = seconds;
+    }
+  }
+
+  void go(const ProgramStep& step, const AxisValues& to) {
     Motion motion;
     motion.line = step.line;
     motion.from = position(at_);
-    motion.to = position(step.target);
+    motion.to = position(to);
     motion.rapid = step.rapid;
-    motion.seconds = std::max(step.seconds, least_seconds(step.target));
+    motion.seconds = std::max(step.seconds, least_seconds(to));
     motion.spindle_on = cutting_ && rpm_ > 0 && result_.machine_seconds >= at_speed_s_ - 1e-9;
     motion.spindle_rpm = rpm_;
     motion.tool = tool_ != nullptr ? tool_->number : 0;
-    within_limits(step);
     if (tool_ == nullptr && !step.rapid && !told_no_tool_) {
       told_no_tool_ = true;
       add_fault("no_tool", step.line, "a feed move without a tool in the spindle");
     }
     result_.machine_seconds += motion.seconds;
-    at_ = step.target;
+    at_ = to;
     if (tool_ == nullptr) return;
     pieces_.clear();
     view_.sweep(motion, tool_->length_mm, {}, pieces_);
     stock_.move(pieces_);
   }
 
-  [[nodiscard]] double least_seconds(const AxisValues& to) const {
+  [[nodiscard]] double axis_seconds(std::size_t axis, double from, double to) const {
     const std::array<double, 5> speeds{machine_.x.max_speed_mm_per_s, machine_.y.max_speed_mm_per_s,
                                        machine_.z.max_speed_mm_per_s, machine_.outer.max_speed_rad_per_s,
                                        machine_.inner.max_speed_rad_per_s};
+    return speeds[axis] > 0 ? std::abs(to - from) / speeds[axis] : 0;
+  }
+
+  [[nodiscard]] double least_seconds(const AxisValues& to) const {
     double seconds = 0;
-    for (std::size_t i = 0; i < 5; ++i) {
-      if (speeds[i] > 0) seconds = std::max(seconds, std::abs(to[i] - at_[i]) / speeds[i]);
-    }
+    for (std::size_t i = 0; i < 5; ++i) seconds = std::max(seconds, axis_seconds(i, at_[i], to[i]));
     return seconds;
   }
 

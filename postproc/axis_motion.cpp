@@ -174,10 +174,12 @@ class Writer {
     JointPosition above = below_top(joints);
     above.z_mm = job_.machine.retract_z_mm;
     motion_.moves.push_back({above, MoveKind::kRapid, 0, true});
+    at_ = above;
     rapid(joints);
   }
 
   void rapid(const JointPosition& joints) {
+    if (!job_.machine.has_straight_rapids()) over_the_corners(joints);
     motion_.moves.push_back({joints, MoveKind::kRapid, 0, false});
     at_ = joints;
   }
@@ -221,6 +223,29 @@ class Writer {
   void tip_error(double error_mm) { motion_.max_tip_error_um = std::max(motion_.max_tip_error_um, error_mm * 1e3); }
 
  private:
+  // Where axes arrive one by one, the tip may pass any corner of the box between both ends. If one lies below the safe plane:
+  // up, across, and the caller goes down.
+  void over_the_corners(const JointPosition& to) {
+    const int moving = (to.x_mm != at_.x_mm) + (to.y_mm != at_.y_mm) + (to.z_mm != at_.z_mm);
+    const double top = job_.machine.retract_z_mm;
+    if (moving < 2 || (at_.z_mm == top && to.z_mm == top)) return;
+    const double plane = motion_.clearance_z_mm;
+    const double low = std::min(at_.z_mm, to.z_mm);
+    double high = std::max(at_.z_mm, to.z_mm);
+    if (detail::lowest_corner(job_.machine, job_.setup, job_.length(), at_, to, low) >= plane) return;
+    const double lack = plane - detail::lowest_corner(job_.machine, job_.setup, job_.length(), at_, to, high);
+    const double rise = detail::spindle_in_work(job_.machine, job_.setup, {to.outer_rad, to.inner_rad}).z();
+    if (lack > 0) high = rise > kFlattestRetract ? high + lack / rise : top;
+    high = std::min(high, top);
+    JointPosition corner = at_;
+    corner.z_mm = high;
+    for (const JointPosition& next : {corner, JointPosition{to.x_mm, to.y_mm, high, to.outer_rad, to.inner_rad}}) {
+      if (next.x_mm == at_.x_mm && next.y_mm == at_.y_mm && next.z_mm == at_.z_mm) continue;
+      motion_.moves.push_back({next, MoveKind::kRapid, 0, false});
+      at_ = next;
+    }
+  }
+
   // A place that the machine's top clears.
   const JointPosition& below_top(const JointPosition& joints) const {
     if (joints.z_mm > job_.machine.retract_z_mm + kJointSlack) {

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
@@ -121,6 +122,21 @@ Vec3 tip_at(const MachineModel& machine, const WorkSetup& setup, double tool_len
     if (!machine.inner.on_head) at = about(machine.inner, at, -machine.inner.direction * tilt.inner_rad);
   }
   return at - setup.origin_mm;
+}
+
+Vec3 spindle_in_work(const MachineModel& machine, const WorkSetup& setup, const Tilt& tilt) {
+  return place_work(machine, setup, tilt).rotation.transpose() * Vec3::UnitZ();
+}
+
+double lowest_corner(const MachineModel& machine, const WorkSetup& setup, double tool_length_mm, const JointPosition& a,
+                     const JointPosition& b, double z_mm) {
+  double lowest = std::numeric_limits<double>::infinity();
+  for (const double x : {a.x_mm, b.x_mm}) {
+    for (const double y : {a.y_mm, b.y_mm}) {
+      lowest = std::min(lowest, tip_at(machine, setup, tool_length_mm, {x, y, z_mm, b.outer_rad, b.inner_rad}).z());
+    }
+  }
+  return lowest;
 }
 
 Vec3 axis_at(const MachineModel& machine, const Tilt& tilt) {

@@ -68,9 +68,12 @@ struct MachineModel {
   int receive_buffer_bytes = 1024;
   int planner_blocks = 100;
   double min_block_s = 0;            ///< block processing time
+  std::optional<bool> straight_rapids;  ///< G0 moves all axes in step; empty: as the control does by default
   std::size_t max_program_bytes = 0; ///< programs longer than this are split; 0: no limit
 
   [[nodiscard]] bool has_rotary() const { return chain != Chain::kThreeAxis; }
+  /// Otherwise every axis goes at its own speed and the tip takes a dog leg: Fanuc, unless its parameter LRP is set.
+  [[nodiscard]] bool has_straight_rapids() const { return straight_rapids.value_or(controller != "fanuc"); }
 };
 
 /// Throws InputError naming file, line, key and rule (limits the wrong way round, a zero axis, parallel rotary axes...).

@@ -28,6 +28,7 @@ constexpr double kFeedSlack = 1e-9;
 constexpr double kLeastFeed = 1e-4;
 constexpr double kMostTime_s = 999.999;  // of an FT word
 constexpr double kDegPerRad = 180 / kPi;
+constexpr double kRoundingWorthSaying = 0.01;  // of a pass's time
 constexpr double kSameSpeed = 1e-6;  // of moves that one arc replaces
 constexpr int kXyPlane = 2;
 constexpr std::array<std::string_view, 3> kPlaneWords{"G19", "G18", "G17"};  // by the axis across
@@ -92,6 +93,11 @@ std::string program_stem(const std::string& pass) {
 // The program's name at the control.
 std::string control_name(const Dialect& dialect, const std::string& stem) {
   return std::string(dialect.name_prefix) + (dialect.upper_case && !dialect.program_number ? upper(stem) : stem);
+}
+
+// An FT word's time: never shorter.
+double whole_milliseconds(double seconds) {
+  return std::max(std::ceil(seconds * 1000 * (1 - kFeedSlack)), 1.0) / 1000;
 }
 
 class ProgramWriter {
@@ -348,7 +354,9 @@ class ProgramWriter {
                                     ? "no rotary axis"
                                     : std::string(1, machine_.outer.letter) + "0 " + machine_.inner.letter + "0";
     double minutes = 0;
-    for (const AxisMotion& pass : passes_) minutes += (total_seconds(machine_, pass) + dwell_s()) / 60;
+    for (const AxisMotion& pass : passes_) {
+      minutes += (total_seconds(machine_, pass) + rounding_seconds(pass) + dwell_s()) / 60;
+    }
     comment("LIGHTMILL " LIGHTMILL_VERSION " " + control_name(dialect_, stem_) + std::string(dialect_.extension));
     if (!options_.job_name.empty()) comment("JOB " + options_.job_name);
     if (!options_.job_hash.empty()) comment("HASH OF THE JOB " + options_.job_hash);
@@ -366,6 +374,12 @@ class ProgramWriter {
       }
     }
     comment("TIME ABOUT " + fixed(minutes, 1) + " MIN, accelerations not counted");
+    for (const AxisMotion& pass : passes_) {
+      if (const double lost = rounding_seconds(pass); lost > kRoundingWorthSaying * total_seconds(machine_, pass)) {
+        comment("SLOWER BY " + fixed(lost, 1) + " S in " + pass.pass +
+                ": times of blocks are whole milliseconds; M128 has no such loss");
+      }
+    }
     for (const AxisMotion& pass : passes_) tool_comments(pass);
     comment("ZERO " + (dialect_.tcp_ball_centre ? "DATUM " + std::to_string(setup_.work_offset - 53) : offset) +
             " = WORKPIECE ORIGIN WITH " + letters + ": the centre of the blank's back");
@@ -565,11 +579,9 @@ class ProgramWriter {
   void end_feed_block(double way, double seconds) {
     program_.feed_seconds.push_back(seconds);
     if (timed_ && dialect_.language == Language::kConversational) {
-      // A time, rounded up.
-      const double ms = std::ceil(seconds * 1000 * (1 - kFeedSlack));
-      if (!(ms <= kMostTime_s * 1000))
+      const double written_s = whole_milliseconds(seconds);
+      if (!(written_s <= kMostTime_s))
         throw InputError(pass_->pass + ": a move takes longer than 999.999 s, the control's longest FT");
-      const double written_s = std::max(ms, 1.0) / 1000;
       program_.rounding_s += written_s - seconds;
       program_.worst_rounding = std::max(program_.worst_rounding, written_s / seconds);
       text_ += " FT" + compact(written_s, 3);
@@ -652,6 +664,15 @@ class ProgramWriter {
 
   // Facts -------------------------------------------------------------------------------------------------------------
 
+  // What whole milliseconds add to the planned times.
+  [[nodiscard]] double rounding_seconds(const AxisMotion& pass) const {
+    if (dialect_.language != Language::kConversational || !turns_in_cut(pass) || uses_tcp(machine_, pass, options_)) return 0;
+    double seconds = 0;
+    for (const AxisMove& move : pass.moves) {
+      if (move.kind != MoveKind::kRapid) seconds += whole_milliseconds(move.seconds) - move.seconds;
+    }
+    return seconds;
+  }
   [[nodiscard]] double dwell_s() const { return std::max(options_.warm_up_s, machine_.spindle_start_s); }
   [[nodiscard]] std::string top_words() const { return "Z" + sheet_.number(machine_.retract_z_mm); }
   // M7 is the mist output, where a shop's air blast or mist unit hangs; M8 is flood.

@@ -350,6 +350,11 @@ class Checker {
     const bool straight_up = tcp_ != Tcp::kOn && !block.said(0) && !block.said(1) && to.z >= from.z;
     if (straight_up || to.top) return;
     if (!is_high(from) || !is_high(to)) complain("a rapid below the safe plane");
+    if (!machine_.has_straight_rapids() && !from.top &&
+        !(detail::lowest_corner(machine_, setup_, pass().cutter.length_mm, from.joints(), to.joints(),
+                                std::min(from.z, to.z)) >= pass().clearance_z_mm - kPlane_mm)) {
+      complain("a rapid that may dip below the safe plane, because this control's rapids are not straight");
+    }
     if (from.top && tcp_ == Tcp::kOn) {
       // The way down is straight in the machine only if it follows the spindle.
       if (!(std::hypot(to.x - from.x, to.y - from.y) <= 2 * kPoseSlack * half_unit_))

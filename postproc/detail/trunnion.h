@@ -55,6 +55,14 @@ std::optional<std::array<Tilt, 2>> solve_tilt(const MachineModel& machine, const
 JointPosition joints_at(const MachineModel& machine, const WorkSetup& setup, double tool_length_mm, const Vec3& tip_mm,
                         const Tilt& tilt);
 
+/// The spindle's +Z, seen from the work.
+Vec3 spindle_in_work(const MachineModel& machine, const WorkSetup& setup, const Tilt& tilt);
+
+/// The least height of the tip (workpiece frame) over the corners of the box between two positions with the same rotary joints,
+/// from machine Z `z_mm` up: what rapids may pass whose axes arrive one by one.
+double lowest_corner(const MachineModel& machine, const WorkSetup& setup, double tool_length_mm, const JointPosition& a,
+                     const JointPosition& b, double z_mm);
+
 /// The tip alone of forward().
 Vec3 tip_at(const MachineModel& machine, const WorkSetup& setup, double tool_length_mm, const JointPosition& joints);
 

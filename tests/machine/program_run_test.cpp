@@ -4,7 +4,8 @@
 
 #include <cmath>
 
-#include "postproc/program.h"
+#include "design/core/errors.h"
+#include "postproc/program_check.h"
 #include "tests/postproc/support.h"
 
 namespace lightmill {
@@ -84,6 +85,42 @@ TEST(RunPrograms, EveryDialectLeavesTheSameSurface) {
         EXPECT_LT(worst, 6e-4) << controller << (tcp ? " tcp" : "") << (turning ? " turning" : " fixed");
       }
     }
+  }
+}
+
+// Rapids of a control whose axes do not wait for each other: planned as straight ones they would hit the work.
+TEST(RunPrograms, DogLegsAreSeenAndPlannedFor) {
+  Shop shop = shop_for("fanuc");
+  ToolPath path = test::fixed_rows(25 * test::kDeg, 0, 2, 12);
+  path.clearance_z_mm = 18;
+  for (Move& move : path.moves) {  // low over the part
+    if (move.kind == MoveKind::kRapid || (move.kind == MoveKind::kLink && move.pose.tip_mm.z() > 20)) move.pose.tip_mm.z() = 18;
+  }
+  const auto kinds = [](const ProgramRun& result) {
+    std::string all;
+    for (const Fault& fault : result.faults) all += fault.kind + " ";
+    return all;
+  };
+  for (const bool tcp : {false, true}) {
+    EXPECT_FALSE(shop.machine.has_straight_rapids());
+    EXPECT_EQ(kinds(run(shop, path, tcp)), "");
+
+    MachineModel straight = shop.machine;
+    straight.straight_rapids = true;
+    ProgramOptions options;
+    options.decimals = 4;
+    options.tcp = tcp;
+    const AxisMotion motion = plan_motion(straight, shop.work, path);
+    const Program program = write_program(straight, shop.work, motion, options);
+    const auto faults = check_program_text(shop.machine, shop.work, motion, program.text, options);
+    ASSERT_FALSE(faults.empty());
+    EXPECT_NE(faults.front().find("rapids are not straight"), std::string::npos) << faults.front();
+    EXPECT_THROW(write_program(shop.machine, shop.work, motion, options), NumericalError);
+    const auto run_on = [&](const MachineModel& machine) {
+      return kinds(run_programs(machine, ReaderDialect::kFanuc, shop.setup, {{program.file_name, program.text}}, shop.stock));
+    };
+    EXPECT_EQ(run_on(straight), "");
+    EXPECT_NE(run_on(shop.machine).find("rapid_in_stock"), std::string::npos) << run_on(shop.machine);
   }
 }
 

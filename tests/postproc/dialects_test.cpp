@@ -162,6 +162,19 @@ TEST(HeidenhainTraps, M128) {
 TEST(HeidenhainTraps, TimesAreWholeMillisecondsAndNotShorter) {
   const Made made = make_for("heidenhain", true);
   EXPECT_THAT(made.program.text, HasSubstr(" FT0.0"));
+  // What that costs is said: in the program for its reader, and by block for the report.
+  EXPECT_THAT(made.program.text, HasSubstr(" S IN FINISH: TIMES OF BLOCKS ARE WHOLE"));
+  double lost = 0, worst = 1;
+  for (const AxisMove& move : made.motion.moves) {
+    if (move.kind == MoveKind::kRapid) continue;
+    const double ms = move.seconds * 1e3, up = std::ceil(ms - 1e-6);
+    lost += (up - ms) / 1e3;
+    worst = std::max(worst, up / ms);
+  }
+  EXPECT_NEAR(made.program.rounding_s, lost, 1e-9);
+  EXPECT_NEAR(made.program.worst_rounding, worst, 1e-9);
+  EXPECT_GT(worst, 1.01);
+  EXPECT_EQ(make_for("heidenhain", true, true).program.rounding_s, 0) << "M128 takes feeds";
   const std::size_t at = made.program.text.find(" FT");
   const std::string word = made.program.text.substr(at, made.program.text.find('\r', at) - at);
   EXPECT_THAT(refusal(made, word, " FT0.001"), HasSubstr("faster than planned"));
