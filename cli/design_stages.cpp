@@ -208,11 +208,11 @@ StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor
 StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& monitor) {
   const TransportMap map = read_map(folder);
   const Scene scene = scene_of(job);
-  const OpticalSurface surface = solve_surface(scene.lens, scene.light, job.receiver, map, job.surface, monitor.part(0, 0.9));
+  const TargetLight target = target_of(job);
+  const OpticalSurface surface = solve_surface(scene.lens, scene.light, job.receiver, map, target, job.surface, monitor.part(0, 0.9));
   write_ply(folder.file("design/surface.ply"), surface.mesh);
 
   // Light through the surface as designed.
-  const TargetLight target = target_of(job);
   BeamOptions options = beam_options(job);
   options.pixels = kPicturePixels;
   const CastLight cast =
@@ -243,6 +243,7 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
                                         {"seconds", s.seconds},
                                         {"outer_iterations", s.outer_iterations},
                                         {"energy_history", s.energy_history},
+                                        {"picture_errors", s.picture_errors},
                                         {"inverted_triangles", s.inverted_triangles},
                                         {"held_back_vertices", s.held_back_vertices},
                                         {"sliding_vertices", s.sliding_vertices},

@@ -169,6 +169,7 @@ void read_surface(TomlTable table, Job& job) {
   SurfaceOptions& o = job.surface;
   o.mesh = table.integer_in("mesh", o.mesh, 5, 8193);
   o.outer_iterations = table.integer_in("outer_iterations", o.outer_iterations, 1, 1000);
+  o.picture_turns = table.integer_in("picture_turns", o.picture_turns, 0, 100);
   o.height_tolerance_mm = table.number_in("height_tolerance_um", o.height_tolerance_mm * 1000, 0, 1000) / 1000;
   o.min_concave_radius_mm = positive(table, "min_concave_radius_mm", o.min_concave_radius_mm, 10000);
   TomlTable weights = table.table("weights");
@@ -468,6 +469,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   sections["surface"] = std::string(Section()
                                         .put("mesh", job.surface.mesh)
                                         .put("outer_iterations", job.surface.outer_iterations)
+                                        .put("picture_turns", job.surface.picture_turns)
                                         .put("height_tolerance_um", job.surface.height_tolerance_mm * 1000)
                                         .put("min_concave_radius_mm", job.surface.min_concave_radius_mm)) +
                         "weights = { integration = " + Section::number(w.integration) + ", barrier = " + Section::number(w.barrier) +

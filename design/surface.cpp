@@ -20,6 +20,7 @@
 #include "design/detail/near_border.h"
 #include "design/detail/one_ring.h"
 #include "design/detail/outline_mesh.h"
+#include "design/detail/picture_loop.h"
 #include "design/detail/vertex_light.h"
 
 namespace lightmill {
@@ -35,7 +36,8 @@ using detail::VertexLight;
 
 constexpr int kFirstGuessTurns = 60;           // of Fresnel mapping and integration; each gains about a digit
 constexpr double kFirstGuessTolerance = 1e-9;  // mm
-constexpr double kRoughTolerance = 1e-3;       // mm: enough to see which ray meets a vertex
+constexpr double kRoughTolerance = 1e-3;       // mm: enough to see which ray meets a vertex, and to go on from
+constexpr double kNearlyAtRest = 1e-4;         // mm: enough to see which normals heights alone cannot mend
 
 /// The target normals move on between turns, so that none needs to be driven to its end.
 constexpr int kSlidingSteps = 5;
@@ -497,6 +499,85 @@ void take_aim(const detail::LitBase& base, const TargetFunction& target, const s
   if (moved) aim.light = std::move(light);
 }
 
+/// What the normals of the energy's vertices shall be when they stand at `positions` and aim at `targets`.
+void set_targets(CompoundEnergy& energy, const std::vector<Vec3>& positions, const Aim& aim, const std::vector<Vec2>& targets,
+                 const Lens& lens, const Receiver& receiver) {
+  const std::vector<Vec3> wanted = detail::fresnel_normals(positions, aim.directions, targets, lens, receiver);
+  energy.target_normals = ring_targets(wanted, positions, energy.rings, aim.creases);
+  energy.target_slopes = detail::slopes_of(wanted);
+}
+
+/// Targets are corrected by what the surface paints, and heights follow, as long as that brings the picture closer.
+void close_picture_loop(const TargetLight& picture, int turns, const Lens& lens, const Receiver& receiver,
+                        const detail::LitBase& base, const Aim& aim, const HeightIntegrator& integrator, CompoundEnergy& energy,
+                        OpticalSurface& surface, const Monitor& monitor) {
+  constexpr int kLeastPixels = 256;         // as the measures
+  constexpr double kVerticesPerPixel = 2.5;
+  constexpr double kLeastGain = 0.01;       // of the error, for which a further turn is made
+  constexpr double kLeastShare = 0.2;       // of the moves that the first order asks for
+  std::vector<Vec3>& positions = surface.mesh.vertices;
+  const std::size_t count = positions.size();
+  const std::vector<VertexLight> light = base.at(positions);
+  std::vector<double> flux;
+  double all = 0;
+  for (const auto& t : surface.mesh.triangles) {
+    const Vec3 area = (positions[t[1]] - positions[t[0]]).cross(positions[t[2]] - positions[t[0]]) / 2;
+    flux.push_back(area.dot(light[t[0]].flux + light[t[1]].flux + light[t[2]].flux) / 3);
+    all += flux.back();
+  }
+  for (double& f : flux) f /= all;
+  std::vector<Vec2> places;
+  for (const VertexLight& ray : aim.light) places.push_back(ray.source_mm);
+  const int along = static_cast<int>(std::sqrt(static_cast<double>(count)) / kVerticesPerPixel);
+  const detail::PictureLoop loop(picture, std::max(kLeastPixels, along), surface.mesh.triangles, std::move(flux), places,
+                                 surface.targets_mm, aim.creases);
+  const ReceiverFrame frame = receiver_frame(lens, receiver);
+  const auto landed = [&] {
+    const std::vector<Vec3> normals = surface_normals(surface.mesh, energy.rings, aim.creases);
+    std::vector<Vec2> result = surface.targets_mm;
+    parallel_blocks(count, 4096, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t v = begin; v < end; ++v) {
+        Vec3 after;
+        Vec2 place;
+        if (refract(light[v].direction, normals[v], {lens.refractive_index, 1}, after) && frame.meet(positions[v], after, place))
+          result[v] = place;
+      }
+    });
+    return result;
+  };
+
+  std::vector<Vec2> ends = landed();
+  detail::PictureLoop::Errors errors = loop.errors(ends);
+  std::vector<double>& history = surface.summary.picture_errors;
+  history.push_back(errors.sum);
+  double share = 1;
+  for (int turn = 0; turn < turns; ++turn) {
+    monitor.report("correcting by the picture", static_cast<double>(turn) / turns);
+    const std::vector<Vec3> positions_before = positions;
+    const std::vector<Vec2> targets_before = surface.targets_mm;
+    const std::vector<Vec2> moves = loop.moves(errors, ends);
+    for (std::size_t v = 0; v < count; ++v) surface.targets_mm[v] += share * moves[v];
+    set_targets(energy, positions, aim, surface.targets_mm, lens, receiver);
+    detail::settle_heights(energy, integrator, kRoughTolerance, positions,
+                           monitor.part(static_cast<double>(turn) / turns, (turn + 1.0) / turns));
+    put_on_floor(positions, lens.thickness_mm);
+    std::vector<Vec2> ends_now = landed();
+    detail::PictureLoop::Errors errors_now = loop.errors(ends_now);
+    const double gain = 1 - errors_now.sum / errors.sum;
+    if (gain > 0) {
+      ends = std::move(ends_now);
+      errors = std::move(errors_now);
+      history.push_back(errors.sum);
+    } else {
+      positions = positions_before;
+      surface.targets_mm = targets_before;
+    }
+    if (gain >= kLeastGain) continue;
+    share /= 2;
+    if (share < kLeastShare) return;
+  }
+}
+
 /// Heights over the lens, lowest 0, of the base that the surface starts from.
 std::vector<double> base_heights(const Lens& lens, const std::vector<Vec3>& vertices, double& floor) {
   std::vector<double> heights(vertices.size());
@@ -508,20 +589,9 @@ std::vector<double> base_heights(const Lens& lens, const std::vector<Vec3>& vert
   return heights;
 }
 
-}  // namespace
-
-OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver, const TransportMap& map,
-                             const SurfaceOptions& options, const Monitor& monitor) {
-  monitor.report("interpolating the transport map", 0.0);
-  const TracedSource traced = trace_source(lens, light, receiver);
-  const detail::MapInterpolation interpolation(map, traced.source);
-  return solve_surface(
-      lens, light, receiver, [&](const std::vector<Vec2>& places) { return interpolation.at(places); }, options,
-      monitor.part(0.02, 1.0));
-}
-
-OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver,
-                             const TargetFunction& target, const SurfaceOptions& options, const Monitor& monitor) {
+/// `picture` may be null: then there is no loop.
+OpticalSurface solve(const Lens& lens, const Light& light, const Receiver& receiver, const TargetFunction& target,
+                     const TargetLight* picture, const SurfaceOptions& options, const Monitor& monitor) {
   const auto started = std::chrono::steady_clock::now();
   check_options(lens, receiver, options);
   OpticalSurface surface;
@@ -590,15 +660,17 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
   for (int turn = 0; turn < options.outer_iterations; ++turn) {
     const Monitor part =
         monitor.part(0.1 + 0.9 * turn / options.outer_iterations, 0.1 + 0.9 * (turn + 1) / options.outer_iterations);
-    const std::vector<Vec3> wanted =
-        detail::fresnel_normals(positions, aim.directions, surface.targets_mm, lens, receiver);
-    energy.target_normals = ring_targets(wanted, positions, rings, aim.creases);
-    energy.target_slopes = detail::slopes_of(wanted);
+    const bool last = turn + 1 == options.outer_iterations;
+    if (last && picture != nullptr && options.picture_turns > 0) {
+      close_picture_loop(*picture, options.picture_turns, lens, receiver, base, aim, *integrator, energy, surface,
+                         part.part(0, 0.7));
+    }
+    set_targets(energy, positions, aim, surface.targets_mm, lens, receiver);
     const std::vector<Vec3> before = positions;
     detail::MinimiserReport report;
     // The first turn brings the heights to rest. What is wrong then, only sliding can mend; it is damped, so that the
     // last turn brings the heights to rest again.
-    const bool may_slide = may_crease && turn > 0 && turn + 1 < options.outer_iterations;
+    const bool may_slide = may_crease && turn > 0 && !last;
     int sliding = 0;
     if (everywhere || may_slide) {
       freedom = everywhere ? outline.freedom : near_creases(energy, positions, outline.freedom);
@@ -612,11 +684,11 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
       }
     }
     // What comes after a slide starts anew: before it, heights need not be brought to rest.
-    const bool to_rest = turn == 0 || turn + 1 == options.outer_iterations || sliding == 0;
-    if (!everywhere) {
-      report = detail::settle_heights(energy, *integrator, to_rest ? options.height_tolerance_mm / 2 : kRoughTolerance,
-                                      positions, part.part(0.7, 1));
-    }
+    const double tolerance = last                     ? options.height_tolerance_mm / 2
+                             : turn == 0 && may_crease ? kNearlyAtRest
+                             : sliding > 0             ? kRoughTolerance
+                                                       : options.height_tolerance_mm / 2;
+    if (!everywhere) report = detail::settle_heights(energy, *integrator, tolerance, positions, part.part(0.7, 1));
     put_on_floor(positions, lens.thickness_mm);
     summary.energy_history.push_back(report.final_energy);
     ++summary.outer_iterations;
@@ -625,7 +697,8 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
       summary.final_height_change_mm =
           std::max(summary.final_height_change_mm, std::abs(positions[v].z() - before[v].z()));
     }
-    if (turn > 0 && sliding == 0 && summary.final_height_change_mm <= options.height_tolerance_mm) {
+    const bool loop_to_come = picture != nullptr && options.picture_turns > 0 && !last;
+    if (turn > 0 && sliding == 0 && !loop_to_come && summary.final_height_change_mm <= options.height_tolerance_mm) {
       summary.reason = "heights at rest";
       break;
     }
@@ -640,6 +713,37 @@ OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receive
   summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   monitor.report("surface", 1.0);
   return surface;
+}
+
+}  // namespace
+
+OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver,
+                             const TargetFunction& target, const SurfaceOptions& options, const Monitor& monitor) {
+  return solve(lens, light, receiver, target, nullptr, options, monitor);
+}
+
+namespace {
+
+OpticalSurface solve_by_map(const Lens& lens, const Light& light, const Receiver& receiver, const TransportMap& map,
+                            const TargetLight* picture, const SurfaceOptions& options, const Monitor& monitor) {
+  monitor.report("interpolating the transport map", 0.0);
+  const TracedSource traced = trace_source(lens, light, receiver);
+  const detail::MapInterpolation interpolation(map, traced.source);
+  return solve(
+      lens, light, receiver, [&](const std::vector<Vec2>& places) { return interpolation.at(places); }, picture, options,
+      monitor.part(0.02, 1.0));
+}
+
+}  // namespace
+
+OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver, const TransportMap& map,
+                             const SurfaceOptions& options, const Monitor& monitor) {
+  return solve_by_map(lens, light, receiver, map, nullptr, options, monitor);
+}
+
+OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver, const TransportMap& map,
+                             const TargetLight& picture, const SurfaceOptions& options, const Monitor& monitor) {
+  return solve_by_map(lens, light, receiver, map, &picture, options, monitor);
 }
 
 }  // namespace lightmill

@@ -8,6 +8,7 @@
 #include "design/core/monitor.h"
 #include "design/mesh.h"
 #include "design/optics.h"
+#include "design/target.h"
 #include "design/transport.h"
 
 namespace lightmill {
@@ -33,6 +34,7 @@ struct SurfaceOptions {
   SurfaceWeights weights;
   int outer_iterations = 4;       ///< at most this many turns of Fresnel mapping and integration; the first and the last move
                                   ///< heights only, so that vertices slide from 3 turns on
+  int picture_turns = 4;          ///< at most this many corrections by the predicted picture, where one is given; 0: none
   double height_tolerance_mm = 2e-5;  ///< stop when no vertex's height changes by more in a turn
   double min_concave_radius_mm = 2;   ///< what a finishing ball can reach: sharper hollows are reported
 };
@@ -42,6 +44,8 @@ struct SurfaceSummary {
   double seconds = 0;
   int outer_iterations = 0;
   std::vector<double> energy_history;     ///< compound energy after each integration
+  std::vector<double> picture_errors;     ///< of the predicted picture before any correction, after each: sum of the differences
+                                          ///< to the wanted light on about 256 x 256 pixels
   int inverted_triangles = 0;
   int sliding_vertices = 0;               ///< that may move in all coordinates, most of any turn
   int held_back_vertices = 0;             ///< moved back because a turn had folded their triangles, all turns
@@ -78,6 +82,11 @@ using TargetFunction = std::function<std::vector<Vec2>(const std::vector<Vec2>& 
 /// Ceres fails.
 OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver, const TransportMap& map,
                              const SurfaceOptions& options = {}, const Monitor& monitor = {});
+
+/// The same, and the light that it predicts is held against `picture`: where that is too bright or too dark, the map is
+/// changed a little, as long as that brings the prediction closer.
+OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver, const TransportMap& map,
+                             const TargetLight& picture, const SurfaceOptions& options = {}, const Monitor& monitor = {});
 
 /// The same from any map (for ground truth and for maps from elsewhere).
 OpticalSurface solve_surface(const Lens& lens, const Light& light, const Receiver& receiver, const TargetFunction& target,

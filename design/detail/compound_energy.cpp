@@ -542,6 +542,18 @@ class HeightTerms {
     });
     return result;
   }
+  /// The diagonal of the derivatives' square.
+  [[nodiscard]] Eigen::VectorXd diagonal() const {
+    Eigen::VectorXd result(static_cast<Eigen::Index>(residuals_.size()));
+    parallel_blocks(residuals_.size(), kBlock, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t v = begin; v < end; ++v) {
+        double sum = 0;
+        for (int c = column_first_[v]; c < column_first_[v + 1]; ++c) sum += rows_[columns_[c].second].squaredNorm();
+        result[static_cast<Eigen::Index>(v)] = sum;
+      }
+    });
+    return result;
+  }
   [[nodiscard]] const std::vector<Eigen::Vector4d>& residuals() const { return residuals_; }
 
  private:
@@ -563,9 +575,13 @@ MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegra
                                std::vector<Vec3>& positions, const Monitor& monitor) {
   constexpr int kSteps = 6;
   constexpr int kMostInner = 80;
+  constexpr double kStiffness = 2.5;        // of the heights over the Laplacian's: smooth ones have 2/3, creases far more
+  constexpr double kLeastDiagonal = 1e-3;   // of the Laplacian's scale: a vertex without a say stays where it is
   constexpr double kInnerTolerance = 1e-2;  // of the first residual, in the preconditioner's norm
   const OneBlasThread one_blas_thread;
   HeightTerms terms(energy);
+  const double stiffness =
+      energy.weights.integration * kStiffness / std::pow(energy.slope_scale * energy.edge_mm, 2);
   MinimiserReport report;
   const auto count = static_cast<Eigen::Index>(positions.size());
   std::vector<Eigen::Vector4d> image;
@@ -574,11 +590,16 @@ MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegra
   report.message = "steps used up";
   for (; report.iterations < kSteps; ++report.iterations) {
     monitor.report("settling the heights", static_cast<double>(report.iterations) / kSteps);
-    // Gauss and Newton's step by conjugate gradients. The mesh's Laplacian has the same spectrum up to a factor: both
-    // measure slopes.
+    // Gauss and Newton's step by conjugate gradients. The mesh's Laplacian has the same spectrum up to a factor, as far as
+    // heights are smooth: both measure slopes. Vertex normals hardly see the heights of single vertices; for these the
+    // diagonal is added (a quarter of the iterations).
     Eigen::VectorXd heights = Eigen::VectorXd::Zero(count);
     Eigen::VectorXd rest = -terms.backward(terms.residuals());
-    Eigen::VectorXd guided = integrator.solve(rest);
+    const Eigen::VectorXd softness = terms.diagonal().cwiseMax(kLeastDiagonal * stiffness).cwiseInverse();
+    const auto precondition = [&](const Eigen::VectorXd& r) -> Eigen::VectorXd {
+      return integrator.solve(r) / stiffness + softness.cwiseProduct(r);
+    };
+    Eigen::VectorXd guided = precondition(rest);
     Eigen::VectorXd way = guided;
     double product = rest.dot(guided);
     const double first = product;
@@ -591,7 +612,7 @@ MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegra
       const double length = product / bend;
       heights += length * way;
       rest -= length * curved;
-      guided = integrator.solve(rest);
+      guided = precondition(rest);
       const double next = rest.dot(guided);
       way = guided + next / product * way;
       product = next;

@@ -1,5 +1,5 @@
 // Benchmarks of the surface stage at full size: surface_bench [CASE]... [--mesh N] [--samples N] [--turns N] [--smooth]
-// [--out DIR].
+// [--picture-turns N] [--out DIR].
 //   point, slanted, near, sphere, line, two, five   against the law of equal optical paths (targets given)
 //   circle                                          against its profile (targets given); circle_map: by the transport
 //   portrait, horse, rings, letter                  the light behind the lens, transport included
@@ -30,6 +30,7 @@ struct Setting {
   int samples = 65536;
   SurfaceSolver solver = SurfaceSolver::kCreases;
   int turns = SurfaceOptions{}.outer_iterations;
+  int picture_turns = SurfaceOptions{}.picture_turns;
   std::string out;
 };
 
@@ -50,6 +51,7 @@ SurfaceOptions options_of(const Setting& setting) {
   options.mesh = setting.mesh;
   options.outer_iterations = setting.turns;
   options.solver = setting.solver;
+  options.picture_turns = setting.picture_turns;
   return options;
 }
 
@@ -216,7 +218,7 @@ void picture(const char* name, const std::string& image, const std::string& draw
   transport.samples = setting.samples;
   const TransportMap map = solve_transport({}, target, transport);
   const double transported = cpu_seconds();
-  const OpticalSurface s = solve_surface(lens, {}, receiver, map, options_of(setting));
+  const OpticalSurface s = solve_surface(lens, {}, receiver, map, target, options_of(setting));
   print_surface(name, s, cpu_seconds() - transported);
   const Caustic c = trace_mesh(s.mesh, lens, receiver, target.extent);
   const CausticMeasures m = measure_caustic(c, target);
@@ -274,6 +276,8 @@ int main(int argc, char** argv) {
       setting.solver = SurfaceSolver::kHeightField;
     } else if (word == "--turns" && a + 1 < argc) {
       setting.turns = std::atoi(argv[++a]);
+    } else if (word == "--picture-turns" && a + 1 < argc) {
+      setting.picture_turns = std::atoi(argv[++a]);
     } else if (word == "--out" && a + 1 < argc) {
       setting.out = argv[++a];
     } else {

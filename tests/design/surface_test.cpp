@@ -573,6 +573,40 @@ TEST(SolveSurface, ALetterIsReadableFromTheLensSide) {
   EXPECT_LT(light(-20, 0, -34, -24), 0.05 * stem);   // where the arm of the letter on its head would be
 }
 
+/// Hills of light, more on one side than on the other.
+TargetLight hills(const Vec2& size_mm) {
+  TargetLight target;
+  target.extent = Box2::centred(size_mm);
+  target.area_flux = Grid<double>(80, 60);
+  for (int j = 0; j < 60; ++j) {
+    for (int i = 0; i < 80; ++i)
+      target.area_flux.at(i, j) = 1 + 0.6 * std::sin(0.31 * i + 0.1 * j) * std::cos(0.23 * j) + 0.004 * i;
+  }
+  target.normalise();
+  return target;
+}
+
+TEST(SolveSurface, CorrectionsBringThePredictedPictureCloser) {
+  Lens lens;
+  lens.size_mm = {40, 30};
+  const TargetLight target = hills({36, 30});
+  TransportOptions transport;
+  transport.samples = 1600;
+  const TransportMap map = solve_transport({SourceLight::Shape::kRectangle, lens.size_mm}, target, transport);
+  SurfaceOptions options;
+  options.mesh = 121;
+  double errors[2];
+  for (const int turns : {0, 4}) {
+    options.picture_turns = turns;
+    const OpticalSurface surface = solve_surface(lens, {}, {}, map, target, options);
+    EXPECT_EQ(surface.summary.inverted_triangles, 0);
+    const auto& history = surface.summary.picture_errors;
+    EXPECT_TRUE(std::is_sorted(history.rbegin(), history.rend()));
+    errors[turns > 0] = measure_caustic(trace_mesh(surface.mesh, lens, {}, target.extent), target).l1_error;
+  }
+  EXPECT_LT(errors[1], 0.8 * errors[0]);
+}
+
 TEST(SolveSurface, DoesNotDependOnTheThreadCount) {
   Lens lens;
   lens.size_mm = {30, 20};
