@@ -223,8 +223,8 @@ class Writer {
   void tip_error(double error_mm) { motion_.max_tip_error_um = std::max(motion_.max_tip_error_um, error_mm * 1e3); }
 
  private:
-  // Where axes arrive one by one, the tip may pass any corner of the box between both ends. If one lies below the safe plane:
-  // up, across, and the caller goes down.
+  // Where axes arrive one by one, the tip may pass any corner of the box between both ends. If one lies below the safe
+  // plane: up, across, and the caller goes down.
   void over_the_corners(const JointPosition& to) {
     const int moving = (to.x_mm != at_.x_mm) + (to.y_mm != at_.y_mm) + (to.z_mm != at_.z_mm);
     const double top = job_.machine.retract_z_mm;
@@ -269,7 +269,8 @@ struct Candidate {
   int branch = 0;
 };
 
-void add_turns(const MachineModel& machine, const Tilt& tilt, int branch, std::vector<Candidate>& out) {
+void add_turns(const MachineModel& machine, const Tilt& tilt, int branch, double farthest_rad,
+               std::vector<Candidate>& out) {
   const auto add = [&](double inner) {
     const Tilt turned{tilt.outer_rad, inner};
     if (worst_rotary(machine, turned).amount == 0) out.push_back({turned, branch});
@@ -279,9 +280,10 @@ void add_turns(const MachineModel& machine, const Tilt& tilt, int branch, std::v
     return;
   }
   const double turn = 2 * kPi;
-  const double first = std::ceil((machine.inner.min_rad - kJointSlack - tilt.inner_rad) / turn);
-  for (double k = first; tilt.inner_rad + k * turn <= machine.inner.max_rad + kJointSlack; ++k)
-    add(tilt.inner_rad + k * turn);
+  const double least = std::max(machine.inner.min_rad, -farthest_rad),
+               most = std::min(machine.inner.max_rad, farthest_rad);
+  const double first = std::ceil((least - kJointSlack - tilt.inner_rad) / turn);
+  for (double k = first; tilt.inner_rad + k * turn <= most + kJointSlack; ++k) add(tilt.inner_rad + k * turn);
 }
 
 std::array<Tilt, 2> tilts_for(const Job& job, std::size_t move, const ToolPose& pose, double inner_at_pole_rad) {
@@ -294,12 +296,13 @@ std::array<Tilt, 2> tilts_for(const Job& job, std::size_t move, const ToolPose& 
   return *tilts;
 }
 
-// Candidates within the rotary limits, cheapest from zero first.
-std::vector<Candidate> candidates_for(const Job& job, std::size_t move, const ToolPose& pose) {
+// Candidates within the rotary limits and `farthest_rad` of the inner axis, cheapest from zero first.
+std::vector<Candidate> candidates_for(const Job& job, std::size_t move, const ToolPose& pose,
+                                      double farthest_rad = kInfinity) {
   const auto tilts = tilts_for(job, move, pose, 0);
   if (!job.machine.has_rotary()) return {{tilts[0], 0}};
   std::vector<Candidate> candidates;
-  for (int branch = 0; branch < 2; ++branch) add_turns(job.machine, tilts[branch], branch, candidates);
+  for (int branch = 0; branch < 2; ++branch) add_turns(job.machine, tilts[branch], branch, farthest_rad, candidates);
   if (candidates.empty()) {
     const auto over0 = worst_rotary(job.machine, tilts[0]);
     const auto over1 = worst_rotary(job.machine, tilts[1]);
@@ -453,10 +456,26 @@ void keep_reachable(const Job& job, Layer& layer) {
   layer.candidates = std::move(kept);
 }
 
+// How far from zero the inner axis has reason to be: the whole of its winding along the path and two turns. An axis
+// that may turn a hundred times would otherwise have a hundred places for every pose.
+double farthest_inner(const Job& job, const std::vector<Layer>& layers) {
+  double angle = 0, least = 0, most = 0, before = 0;
+  for (const Layer& layer : layers) {
+    if (layer.pole) continue;
+    const double inner = tilts_for(job, layer.move, layer.pose, 0).front().inner_rad;
+    angle += wrapped(inner - before);
+    before = inner;
+    least = std::min(least, angle);
+    most = std::max(most, angle);
+  }
+  return most - least + 4 * kPi;
+}
+
 // At the pole C is free: offer what the neighbours on either side of a run of pole poses have.
-void fill_candidates(const Job& job, std::vector<Layer>& layers) {
+void fill_candidates(const Job& job, std::vector<Layer>& layers, double farthest_rad) {
   for (Layer& layer : layers) {
-    if (!layer.pole) layer.candidates = candidates_for(job, layer.move, layer.pose);
+    layer.candidates.clear();
+    if (!layer.pole) layer.candidates = candidates_for(job, layer.move, layer.pose, farthest_rad);
   }
   for (std::size_t begin = 0; begin < layers.size();) {
     if (!layers[begin].pole) {
@@ -804,8 +823,12 @@ void rewind_above(const Job& job, Writer& writer, const Layer& layer, const Tilt
 
 void plan_turning(const Job& job, Writer& writer, const Monitor& monitor) {
   std::vector<Layer> layers = make_layers(job);
-  fill_candidates(job, layers);
+  fill_candidates(job, layers, farthest_inner(job, layers));
   std::vector<Choice> choices = choose(job, layers, false, monitor.part(0, 0.3));
+  if (choices.empty()) {
+    fill_candidates(job, layers, kInfinity);
+    choices = choose(job, layers, false, monitor.part(0, 0.3));
+  }
   if (choices.empty()) choices = choose(job, layers, true, monitor.part(0.3, 0.5));
   const Monitor emission = monitor.part(0.5, 1);
 

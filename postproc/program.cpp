@@ -666,7 +666,8 @@ class ProgramWriter {
 
   // What whole milliseconds add to the planned times.
   [[nodiscard]] double rounding_seconds(const AxisMotion& pass) const {
-    if (dialect_.language != Language::kConversational || !turns_in_cut(pass) || uses_tcp(machine_, pass, options_)) return 0;
+    if (dialect_.language != Language::kConversational || !turns_in_cut(pass) || uses_tcp(machine_, pass, options_))
+      return 0;
     double seconds = 0;
     for (const AxisMove& move : pass.moves) {
       if (move.kind != MoveKind::kRapid) seconds += whole_milliseconds(move.seconds) - move.seconds;

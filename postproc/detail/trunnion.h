@@ -58,8 +58,8 @@ JointPosition joints_at(const MachineModel& machine, const WorkSetup& setup, dou
 /// The spindle's +Z, seen from the work.
 Vec3 spindle_in_work(const MachineModel& machine, const WorkSetup& setup, const Tilt& tilt);
 
-/// The least height of the tip (workpiece frame) over the corners of the box between two positions with the same rotary joints,
-/// from machine Z `z_mm` up: what rapids may pass whose axes arrive one by one.
+/// The least height of the tip (workpiece frame) over the corners of the box between two positions with the same rotary
+/// joints, from machine Z `z_mm` up: what rapids may pass whose axes arrive one by one.
 double lowest_corner(const MachineModel& machine, const WorkSetup& setup, double tool_length_mm, const JointPosition& a,
                      const JointPosition& b, double z_mm);
 

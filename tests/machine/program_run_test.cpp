@@ -61,7 +61,8 @@ TEST(RunPrograms, EveryDialectLeavesTheSameSurface) {
     for (const char* controller : {"linuxcnc", "fanuc", "siemens", "heidenhain", "heidenhain_iso"}) {
       for (const bool tcp : {false, true}) {
         if (std::string(controller) == "heidenhain_iso" && turning && !tcp) continue;
-        const ProgramRun result = run(shop_for(controller), rows(turning), tcp);
+        const Shop shop = shop_for(controller);
+        const ProgramRun result = run(shop, rows(turning), tcp);
         for (const Fault& fault : result.faults) {
           ADD_FAILURE() << controller << " line " << fault.line << ": " << fault.kind << ", " << fault.message;
         }
@@ -79,7 +80,7 @@ TEST(RunPrograms, EveryDialectLeavesTheSameSurface) {
           for (int i = 0; i + 1 < before.width; ++i) {
             const double rise = std::hypot(before.at(i + 1, j) - before.at(i, j), before.at(i, j + 1) - before.at(i, j));
             const double off = std::abs(after.at(i, j) - before.at(i, j));
-            worst = std::max(worst, off / (1 + rise / shop_for(controller).stock.pitch_mm));
+            worst = std::max(worst, off / (1 + rise / shop.stock.pitch_mm));
           }
         }
         EXPECT_LT(worst, 6e-4) << controller << (tcp ? " tcp" : "") << (turning ? " turning" : " fixed");
@@ -94,7 +95,8 @@ TEST(RunPrograms, DogLegsAreSeenAndPlannedFor) {
   ToolPath path = test::fixed_rows(25 * test::kDeg, 0, 2, 12);
   path.clearance_z_mm = 18;
   for (Move& move : path.moves) {  // low over the part
-    if (move.kind == MoveKind::kRapid || (move.kind == MoveKind::kLink && move.pose.tip_mm.z() > 20)) move.pose.tip_mm.z() = 18;
+    if (move.kind == MoveKind::kRapid || (move.kind == MoveKind::kLink && move.pose.tip_mm.z() > 20))
+      move.pose.tip_mm.z() = 18;
   }
   const auto kinds = [](const ProgramRun& result) {
     std::string all;
@@ -117,7 +119,8 @@ TEST(RunPrograms, DogLegsAreSeenAndPlannedFor) {
     EXPECT_NE(faults.front().find("rapids are not straight"), std::string::npos) << faults.front();
     EXPECT_THROW(write_program(shop.machine, shop.work, motion, options), NumericalError);
     const auto run_on = [&](const MachineModel& machine) {
-      return kinds(run_programs(machine, ReaderDialect::kFanuc, shop.setup, {{program.file_name, program.text}}, shop.stock));
+      return kinds(
+          run_programs(machine, ReaderDialect::kFanuc, shop.setup, {{program.file_name, program.text}}, shop.stock));
     };
     EXPECT_EQ(run_on(straight), "");
     EXPECT_NE(run_on(shop.machine).find("rapid_in_stock"), std::string::npos) << run_on(shop.machine);
