@@ -9,62 +9,34 @@ class HeidenhainIsoReader {
   HeidenhainIsoReader(std::string_view text, ReaderCore& core) : core_(core), lines_(split_lines(text)) {}
 
   ReadResult run() {
-    ReadResult result;
-    try {
-      for (std::size_t i = 0; i < lines_.size() && !ended_; ++i) {
-        core_.line = static_cast<long>(i) + 1;
-        if (++result.blocks > core_.setup.most_blocks) reject(1, "the program does not end");
-        if (split(lines_[i])) read_block();
-      }
-      if (!ended_) reject(1, "the program's last block, % and its name, is missing");
-    } catch (const ReaderError& e) {
-      result.error = ProgramError{core_.line, e.column, e.rule};
-    }
-    result.ended = ended_;
-    return result;
+    return run_lines(
+        core_, lines_.size(), ended_, "the program's last block, % and its name, is missing",
+        [this](std::size_t at) {
+          if (split(lines_[at])) read_block();
+          return at + 1;
+        },
+        [] {});
   }
 
  private:
-  struct Token {
-    std::string_view text;
-    int column;
-  };
-
   /// The block's words without its end; false for an empty line.
   bool split(std::string_view line) {
-    if (line.size() > 200) reject(201, "block too long");
-    tokens_.clear();
-    for (std::size_t i = 0; i < line.size();) {
-      if (line[i] == ' ' || line[i] == '\t') {
-        ++i;
-        continue;
-      }
-      if (line[i] == ';') return !tokens_.empty();
-      const std::size_t end = std::min(line.find_first_of(" \t;", i), line.size());
-      tokens_.push_back({line.substr(i, end - i), static_cast<int>(i) + 1});
-      i = end;
-    }
+    split_words(line, tokens_);
     if (tokens_.empty()) return false;
-    if (tokens_.back().text != "*") reject(tokens_.back().column, "a block ends with *");
-    tokens_.pop_back();
+    if (tokens_.back().text == "*") {
+      tokens_.pop_back();
+    } else if (line.find(';') == std::string_view::npos) {
+      reject(tokens_.back().column, "a block ends with *");
+    }
     return !tokens_.empty();
-  }
-
-  [[nodiscard]] static double number(std::string_view text, int column) {
-    const char* p = text.data();
-    const char* const end = p + text.size();
-    const bool negative = p != end && *p == '-';
-    if (p != end && (*p == '-' || *p == '+')) ++p;
-    double v = 0;
-    if (!read_digits(p, end, v) || p != end) reject(column, "bad number format");
-    return negative ? -v : v;
   }
 
   void read_block() {
     std::size_t i = 0;
     if (begun_) {
       const Token& label = tokens_[0];
-      const double n = label.text.size() > 1 && label.text[0] == 'N' ? number(label.text.substr(1), label.column) : -1;
+      const double n =
+          label.text.size() > 1 && label.text[0] == 'N' ? signed_number(label.text.substr(1), label.column) : -1;
       if (n <= number_ || n != std::floor(n)) reject(label.column, "block numbers are whole and grow");
       number_ = n;
       i = 1;
@@ -85,17 +57,12 @@ class HeidenhainIsoReader {
       begun_ = true;
       name_ = tokens_[i].text;
       unit_ = tokens_[i + 1].text == "G71" ? 1 : kMmPerInch;
-      return preset(1, 1);
+      return core_.set_offset(datum(core_, 1, 1));
     }
     if (tokens_[i].text != name_) reject(tokens_[i].column, "the last block must name the program that began");
     if (core_.tcp()) core_.set_tcp(false);
     if (!said_end_) core_.say(ProgramStep::kEnd, 2);
     ended_ = true;
-  }
-
-  void preset(double n, int column) {
-    if (!(n >= 1 && n <= 9) || n != std::floor(n)) reject(column, "datums 1 to 9 are known");
-    core_.set_offset(core_.setup.offsets[static_cast<std::size_t>(n) - 1]);
   }
 
   struct Words {
@@ -113,23 +80,23 @@ class HeidenhainIsoReader {
     const int column = tokens_[i].column;
     const auto next = [&] {
       if (++i >= tokens_.size()) reject(column, "a value is missing");
-      return number(tokens_[i].text, tokens_[i].column);
+      return signed_number(tokens_[i].text, tokens_[i].column);
     };
     if (text.starts_with("P0") && text.size() == 3) {
       static_cast<void>(next());
       return;
     }
     if (text.starts_with("Q339=")) {
-      w.q339 = number(text.substr(5), column);
+      w.q339 = signed_number(text.substr(5), column);
       w.has_q = true;
       return;
     }
     if (text.starts_with("DL")) {
-      w.delta = number(text.substr(2), column) * unit_;
+      w.delta = signed_number(text.substr(2), column) * unit_;
       return;
     }
     const char letter = text[0];
-    const double v = number(text.substr(1), column);
+    const double v = signed_number(text.substr(1), column);
     if (const int axis = core_.axis_of(letter); axis >= 0) {
       const auto k = static_cast<std::size_t>(axis);
       if (w.named[k]) reject(column, "axis named twice");
@@ -188,7 +155,7 @@ class HeidenhainIsoReader {
     }
     if (w.has(247)) {
       if (!w.has_q) reject(tokens_[0].column, "G247 needs Q339");
-      preset(w.q339, tokens_[0].column);
+      core_.set_offset(datum(core_, w.q339, tokens_[0].column));
     }
     if (w.has(4)) {
       if (!w.has_f) reject(tokens_[0].column, "G04 needs its seconds in F");

@@ -13,30 +13,18 @@ class HeidenhainReader {
   HeidenhainReader(std::string_view text, ReaderCore& core) : core_(core), lines_(split_lines(text)) {}
 
   ReadResult run() {
-    ReadResult result;
-    try {
-      check_frame();
-      while (at_ < lines_.size() && !ended_) {
-        core_.line = static_cast<long>(at_) + 1;
-        if (++result.blocks > core_.setup.most_blocks) reject(1, "the program does not end");
-        next_ = at_ + 1;
-        if (split(lines_[at_])) read_block();
-        at_ = next_;
-      }
-      if (!ended_) reject(1, "END PGM is missing");
-    } catch (const ReaderError& e) {
-      result.error = ProgramError{core_.line, e.column, e.rule};
-    }
-    result.ended = ended_;
-    return result;
+    return run_lines(
+        core_, lines_.size(), ended_, "END PGM is missing",
+        [this](std::size_t at) {
+          at_ = at;
+          next_ = at + 1;
+          if (split(lines_[at])) read_block();
+          return next_;
+        },
+        [this] { check_frame(); });
   }
 
  private:
-  struct Token {
-    std::string_view text;
-    int column;
-  };
-
   /// Block numbers count from 0 without a gap; labels are found before anything moves.
   void check_frame() {
     long expected = 0;
@@ -54,24 +42,17 @@ class HeidenhainReader {
     continued_ = false;
   }
 
+  void preset(double n, int column) {
+    preset_ = datum(core_, n, column);
+    shift_ = {};
+    renew();
+  }
+
   /// Words of a block without its number and comment; false if nothing is left.
   bool split(std::string_view line) {
-    if (line.size() > 200) reject(201, "block too long");
-    tokens_.clear();
-    std::size_t i = 0;
+    split_words(line, tokens_);
     const bool follows = continued_;
     continued_ = false;
-    while (i < line.size()) {
-      if (line[i] == ' ' || line[i] == '\t') {
-        ++i;
-        continue;
-      }
-      if (line[i] == ';') break;
-      std::size_t end = i;
-      while (end < line.size() && line[end] != ' ' && line[end] != '\t' && line[end] != ';') ++end;
-      tokens_.push_back({line.substr(i, end - i), static_cast<int>(i) + 1});
-      i = end;
-    }
     if (!tokens_.empty() && tokens_.back().text == "~") {
       continued_ = true;
       tokens_.pop_back();
@@ -90,15 +71,6 @@ class HeidenhainReader {
     return true;
   }
 
-  [[nodiscard]] static double number(std::string_view text, int column) {
-    const char* p = text.data();
-    const char* const end = p + text.size();
-    const bool negative = p != end && *p == '-';
-    if (p != end && (*p == '-' || *p == '+')) ++p;
-    double v = 0;
-    if (!read_digits(p, end, v) || p != end) reject(column, "bad number format");
-    return negative ? -v : v;
-  }
   [[nodiscard]] bool is(std::size_t i, std::string_view text) const {
     return i < tokens_.size() && tokens_[i].text == text;
   }
@@ -115,7 +87,7 @@ class HeidenhainReader {
     if (cycle_247_) {
       if (!first.starts_with("Q339=")) reject(tokens_[0].column, "cycle 247 needs Q339");
       cycle_247_ = false;
-      preset(number(first.substr(5), tokens_[0].column), tokens_[0].column);
+      preset(signed_number(first.substr(5), tokens_[0].column), tokens_[0].column);
       return expect_end(1);
     }
     if (first == "BEGIN" || first == "END") return frame(first == "BEGIN");
@@ -177,12 +149,6 @@ class HeidenhainReader {
     ended_ = true;
   }
 
-  void preset(double n, int column) {
-    if (!(n >= 1 && n <= 9) || n != std::floor(n)) reject(column, "datums 1 to 9 are known");
-    preset_ = core_.setup.offsets[static_cast<std::size_t>(n) - 1];
-    shift_ = {};
-    renew();
-  }
   void renew() {
     AxisValues sum = preset_;
     for (std::size_t i = 0; i < 5; ++i) sum[i] += shift_[i];
@@ -197,7 +163,7 @@ class HeidenhainReader {
     const int axis = text.empty() ? -1 : core_.axis_of(text[0]);
     if (axis < 0) return false;
     const auto i = static_cast<std::size_t>(axis);
-    const double v = number(text.substr(1), token.column) * (axis < 3 ? unit_ : kRadPerDegree);
+    const double v = signed_number(text.substr(1), token.column) * (axis < 3 ? unit_ : kRadPerDegree);
     to[i] = incremental ? from[i] + v : v;
     if (axis >= 3 && absolute_rotary != nullptr) absolute_rotary[axis - 3] = !incremental;
     return true;
@@ -210,7 +176,7 @@ class HeidenhainReader {
     int selected = tool_;
     if (tokens_[2].text[0] != 'S') {
       if (core_.tcp()) reject(tokens_[0].column, "M129 must come before TOOL CALL");
-      const double n = number(tokens_[2].text, tokens_[2].column);
+      const double n = signed_number(tokens_[2].text, tokens_[2].column);
       if (n < 0 || n > 32767 || n != std::floor(n))
         reject(tokens_[2].column, "tool numbers are whole and not negative");
       if (!is(3, "Z")) reject(tokens_[2].column, "TOOL CALL needs the tool axis Z");
@@ -221,11 +187,11 @@ class HeidenhainReader {
     for (; i < tokens_.size(); ++i) {
       const std::string_view text = tokens_[i].text;
       if (text[0] == 'S') {
-        rpm_ = number(text.substr(1), tokens_[i].column);
+        rpm_ = signed_number(text.substr(1), tokens_[i].column);
         if (rpm_ < 0 || rpm_ > core_.machine.max_spindle_rpm)
           reject(tokens_[i].column, "spindle speed out of the machine's range");
       } else if (text.starts_with("DL")) {
-        length += number(text.substr(2), tokens_[i].column) * unit_;
+        length += signed_number(text.substr(2), tokens_[i].column) * unit_;
       } else {
         reject(tokens_[i].column, "'" + std::string(text) + "' is not understood here");
       }
@@ -246,7 +212,7 @@ class HeidenhainReader {
     if (what == "247") {
       for (std::size_t i = 3; i < tokens_.size(); ++i) {
         if (tokens_[i].text.starts_with("Q339="))
-          return preset(number(tokens_[i].text.substr(5), tokens_[i].column), tokens_[i].column);
+          return preset(signed_number(tokens_[i].text.substr(5), tokens_[i].column), tokens_[i].column);
       }
       if (!continued_) reject(tokens_[2].column, "cycle 247 needs Q339");
       cycle_247_ = true;
@@ -263,7 +229,8 @@ class HeidenhainReader {
     if (what == "9.1") {
       if (tokens_.size() < 4) incomplete();
       const Token& last = tokens_.back();
-      const double seconds = number(last.text.starts_with("DWELL") ? last.text.substr(5) : last.text, last.column);
+      const double seconds =
+          signed_number(last.text.starts_with("DWELL") ? last.text.substr(5) : last.text, last.column);
       if (seconds < 0) reject(last.column, "negative time");
       return core_.say(ProgramStep::kDwell, 0, seconds);
     }
@@ -275,7 +242,7 @@ class HeidenhainReader {
                                  : text.starts_with("T")       ? 1
                                                                : 0;
         if (skip == 0) expect_end(i);
-        static_cast<void>(number(text.substr(skip), tokens_[i].column));
+        static_cast<void>(signed_number(text.substr(skip), tokens_[i].column));
       }
       return;
     }
@@ -305,18 +272,18 @@ class HeidenhainReader {
         continue;
       }
       if (text.starts_with("FT")) {
-        block_seconds_ = number(text.substr(2), token.column);
+        block_seconds_ = signed_number(text.substr(2), token.column);
         if (!(block_seconds_ >= 0.001 && block_seconds_ <= 999.999)) reject(token.column, "FT takes 0.001 to 999.999 s");
         continue;
       }
       if (text[0] == 'F') {
-        const double f = number(text.substr(1), token.column);
+        const double f = signed_number(text.substr(1), token.column);
         if (f <= 0) reject(token.column, "the feed must be above 0");
         if (!tcp_on) feed_ = f * unit_;  // behind M128 it limits the compensating moves
         continue;
       }
       if (text[0] != 'M') expect_end(i);
-      const double code = number(text.substr(1), token.column);
+      const double code = signed_number(text.substr(1), token.column);
       if (code != std::floor(code) || code < 0 || code > 999) reject(token.column, "M codes are whole");
       switch (static_cast<int>(code)) {
         case 3:
@@ -398,7 +365,7 @@ class HeidenhainReader {
         if (text == "DR+" || text == "DR-")
           sense = text[2] == '+' ? 1 : -1;
         else if (kind == "CR" && text[0] == 'R' && text != "R0" && text.size() > 1 && text[1] != 'L' && text[1] != 'R')
-          radius = number(text.substr(1), tokens_[i].column) * unit_;
+          radius = signed_number(text.substr(1), tokens_[i].column) * unit_;
         else
           break;
       }
@@ -447,7 +414,7 @@ class HeidenhainReader {
     if (tokens_.size() == 4) {
       const std::string_view text = tokens_[3].text;
       if (!text.starts_with("REP")) expect_end(3);
-      double wanted = number(text.substr(3), tokens_[3].column);
+      double wanted = signed_number(text.substr(3), tokens_[3].column);
       if (!(wanted >= 1 && wanted <= 65534)) reject(tokens_[3].column, "REP counts from 1 to 65534");
       auto& left = repeats_.try_emplace(at_, static_cast<long>(wanted)).first->second;
       if (left-- > 0)

@@ -204,6 +204,36 @@ void centre_by_radius(double u0, double v0, double u1, double v1, double r, bool
   cv = v0 + dv / 2 + du * h;
 }
 
+void split_words(std::string_view line, std::vector<Token>& tokens) {
+  constexpr std::size_t kLongestBlock = 200;
+  if (line.size() > kLongestBlock) reject(kLongestBlock + 1, "block too long");
+  tokens.clear();
+  for (std::size_t i = 0; i < line.size() && line[i] != ';';) {
+    if (line[i] == ' ' || line[i] == '\t') {
+      ++i;
+      continue;
+    }
+    const std::size_t end = std::min(line.find_first_of(" \t;", i), line.size());
+    tokens.push_back({line.substr(i, end - i), static_cast<int>(i) + 1});
+    i = end;
+  }
+}
+
+double signed_number(std::string_view text, int column) {
+  const char* p = text.data();
+  const char* const end = p + text.size();
+  const bool negative = p != end && *p == '-';
+  if (p != end && (*p == '-' || *p == '+')) ++p;
+  double v = 0;
+  if (!read_digits(p, end, v) || p != end) reject(column, "bad number format");
+  return negative ? -v : v;
+}
+
+const AxisValues& datum(const ReaderCore& core, double number, int column) {
+  if (!(number >= 1 && number <= 9) || number != std::floor(number)) reject(column, "datums 1 to 9 are known");
+  return core.setup.offsets[static_cast<std::size_t>(number) - 1];
+}
+
 std::vector<std::string_view> split_lines(std::string_view text) {
   std::vector<std::string_view> lines;
   while (!text.empty()) {

@@ -105,4 +105,40 @@ ReadResult read_siemens(std::string_view text, ReaderCore& core);
 /// The text's lines without their ends.
 std::vector<std::string_view> split_lines(std::string_view text);
 
+/// A word of a block between blanks.
+struct Token {
+  std::string_view text;
+  int column;
+};
+
+/// A line's words up to its comment, which a semicolon begins.
+void split_words(std::string_view line, std::vector<Token>& tokens);
+
+/// A whole text that is a number, with a sign if need be.
+double signed_number(std::string_view text, int column);
+
+/// A Heidenhain control's datum from its preset table.
+const AxisValues& datum(const ReaderCore& core, double number, int column);
+
+/// Reads line after line until `ended`: `read_line(i)` carries line i out and gives the next one's index; `prepare`
+/// looks at the whole text before.
+template <typename ReadLine, typename Prepare>
+ReadResult run_lines(ReaderCore& core, std::size_t lines, const bool& ended, const char* missing_end,
+                     ReadLine read_line, Prepare prepare) {
+  ReadResult result;
+  try {
+    prepare();
+    for (std::size_t at = 0; at < lines && !ended;) {
+      core.line = static_cast<long>(at) + 1;
+      if (++result.blocks > core.setup.most_blocks) reject(1, "the program does not end");
+      at = read_line(at);
+    }
+    if (!ended) reject(1, missing_end);
+  } catch (const ReaderError& e) {
+    result.error = ProgramError{core.line, e.column, e.rule};
+  }
+  result.ended = ended;
+  return result;
+}
+
 }  // namespace lightmill::detail

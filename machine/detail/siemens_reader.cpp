@@ -11,19 +11,13 @@ class SiemensReader {
   }
 
   ReadResult run() {
-    ReadResult result;
-    try {
-      for (std::size_t i = 0; i < lines_.size() && !ended_; ++i) {
-        core_.line = static_cast<long>(i) + 1;
-        if (++result.blocks > core_.setup.most_blocks) reject(1, "the program does not end");
-        read_block(lines_[i]);
-      }
-      if (!ended_) reject(1, "the file ends without M30, M17 or M2");
-    } catch (const ReaderError& e) {
-      result.error = ProgramError{core_.line, e.column, e.rule};
-    }
-    result.ended = ended_;
-    return result;
+    return run_lines(
+        core_, lines_.size(), ended_, "the file ends without M30, M17 or M2",
+        [this](std::size_t at) {
+          read_block(lines_[at]);
+          return at + 1;
+        },
+        [] {});
   }
 
  private:
