@@ -185,6 +185,9 @@ class Checker {
     if (block.has(Order::kSmoothOn)) {
       smooth_ = true;
       if (block.smoothing > options_.smoothing_mm + 1e-9) complain("the tolerance is wider than what was asked for");
+      if (block.smoothing_angle > options_.smoothing_deg + 1e-9) {
+        complain("the angular tolerance is wider than what was asked for");
+      }
     }
     if (block.has(Order::kSmoothOff)) smooth_ = false;
     if (block.has(Order::kPlane)) plane_ = 2;
@@ -202,7 +205,11 @@ class Checker {
       if (!(speed_ > 0)) complain("M3 without S");
       spindle_ = true;
     }
-    if (block.has_m(7) || block.has_m(8)) air_ = true;
+    if (block.has_m(7) || block.has_m(8)) {
+      if (block.has_m(8) != (pass().cutter.coolant == "flood"))
+        complain("M7 and M8 are mixed up: not what the cutter asks for");
+      air_ = true;
+    }
     if (block.has_m(5)) spindle_ = dwelled_ = false;
     if (block.has_m(9)) air_ = false;
   }

@@ -75,7 +75,9 @@ void BlockReader::line(std::string_view text) {
     case Language::kSiemens:
       if (text.front() == ';') {
         if (line_ == 1) {
-          opened_ = text.starts_with("; %_N_") && text.ends_with("_MPF");
+          constexpr std::string_view kNameLetters = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_";
+          opened_ = text.starts_with("; %_N_") && text.ends_with("_MPF") &&
+                    text.find_first_not_of(kNameLetters, 3) == std::string_view::npos;
           if (!opened_) complain("the program does not begin with its name");
         }
         return;
@@ -156,13 +158,15 @@ void BlockReader::words(std::string_view text) {
       }
       if (token.starts_with("CYCLE832(") && token.ends_with(')')) {
         const std::string_view values = token.substr(9, token.size() - 10);
-        const double within = value_of(values.substr(0, values.find(',')));
-        if (values.ends_with(",_OFF,1")) {
+        const std::size_t one = values.find(','), two = values.rfind(',');
+        const std::string_view kind = one == two ? std::string_view() : values.substr(one + 1, two - one - 1);
+        const double within = value_of(values.substr(0, one)), last = value_of(values.substr(two + 1));
+        if (within == 0 && kind == "_OFF" && last == 1) {
           block.order(Order::kSmoothOff);
-        } else if (within >= 0 && (values.find(",_FINISH,") != std::string_view::npos ||
-                                   values.find(",_ORI_FINISH,") != std::string_view::npos)) {
+        } else if (within > 0 && ((kind == "_FINISH" && last == 1) || (kind == "_ORI_FINISH" && last > 0))) {
           block.order(Order::kSmoothOn);
           block.smoothing = within;
+          if (kind == "_ORI_FINISH") block.smoothing_angle = last;
         } else {
           complain("CYCLE832 is not what was asked for");
         }
@@ -183,7 +187,9 @@ void BlockReader::words(std::string_view text) {
       continue;
     }
     if (iso && token == "P02") {
-      if (!(value_of(next_token(rest)) >= 0)) complain("G62 P02 without an angle");
+      if (!std::isnan(block.smoothing_angle)) complain("two words P02");
+      block.smoothing_angle = value_of(next_token(rest));
+      if (!(block.smoothing_angle >= 0)) complain("G62 P02 without an angle");
       continue;
     }
     if (iso && token.starts_with("Q339=")) {
@@ -392,7 +398,7 @@ void BlockReader::words(std::string_view text) {
     p = kNotSaid;
   }
   if (smooth == 620) {
-    if (!iso) complain("G62 has no place in this program");
+    if (!iso || block.t < 0) complain("G62 is not what was asked for");
     block.order(std::isnan(block.t) ? Order::kSmoothOff : Order::kSmoothOn);
     block.smoothing = block.t;
     block.t = kNotSaid;
@@ -583,7 +589,8 @@ void BlockReader::cycle(std::string_view rest, Block& block, bool& runs) {
     block.order(Order::kSmoothOn);
     block.smoothing = held_.smoothing;
     held_ = {};
-    if (!(value_of(rest.substr(18)) >= 0)) unknown();
+    block.smoothing_angle = value_of(rest.substr(18));
+    if (!(block.smoothing_angle >= 0)) unknown();
   } else {
     runs = false;
     unknown();

@@ -59,6 +59,7 @@ struct Block {
   int offset = 0;
   int length_of = 0;
   double time = kNotSaid, length = kNotSaid, delta = 0, smoothing = kNotSaid;
+  double smoothing_angle = kNotSaid;  ///< degrees, of rotary axes
   bool short_way = false;  ///< C=DC(...)
 
   void order(Order o) { orders |= 1ULL << static_cast<int>(o); }
