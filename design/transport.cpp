@@ -55,15 +55,19 @@ constexpr int kMostSearch = 60;     // evaluations along it
 
 constexpr double kMostRelaxed = 0.2;      // share of all cells: with more without light a step has gone astray
 constexpr int kRings = 8;               // of thin cells around each other, to a cell that tells the scale
+constexpr double kFaint = 1e-12;  // of a sample's light, what a point gives it that is not worth a second derivative
+constexpr double kHidden = 50;    // softnesses that a site without a cell is raised by, beside its neighbours' few
+constexpr double kMostGap = 0.9 * kPi;  // between neighbours' directions around a site that they enclose
 constexpr double kJoin = 1e-10;  // of the second derivative, between parts of the target that no cell bridges
-constexpr double kNarrowing = 0.1;          // factor on the radius of strips and disks from stage to stage
+constexpr double kNarrowing = 0.3;       // factor on the radius of strips and points from stage to stage
 constexpr double kNarrowingError = 0.6;     // l1 error after the prediction that is repaired quickly
 constexpr double kLeastNarrowing = 0.95;   // smaller steps than this are left to the repair
-// Half width of strips and disks at the start of every level, in distances between sites: beside area light they shall
+// Half width of strips, and of points, at the start of every level, in distances between sites: beside area light they shall
 // not blur it, alone they may be as wide as eases the start.
 constexpr double kStartRadius = 0.3;
 constexpr double kStartRadiusAlone = 1;
 constexpr double kCoarseError = 0.01;   // l1 error that is good enough for what only leads to the last solve
+constexpr double kCoarseErrorAtPoints = 0.001;  // the same where points are to become sharper: shares fall off with exp(1 / r^2)
 
 double dot(const Potential& a, const Potential& b) {
   return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
@@ -124,7 +128,9 @@ class Level {
         measure_(std::move(measure)),
         options_(options),
         reach_(reach),
-        builder_(sampling.sites, reach) {}
+        builder_(sampling.sites, reach) {
+    if (!measure_.points.empty()) inner_ = enclosed_sites();
+  }
 
   /// Improves psi until the goal is reached; returns the best it found otherwise.
   Evaluation solve(Potential psi, const Goal& goal, const Monitor& monitor) {
@@ -137,7 +143,7 @@ class Level {
     return reference ? descend(std::move(now), goal, monitor) : minimise(std::move(now), goal, monitor);
   }
 
-  /// Follows the solution `now` while strips and disks become narrower, down to `radius`. The potential is nearly
+  /// Follows the solution `now` while strips and points become narrower, down to `radius`. The potential is nearly
   /// linear in their radius: a Newton step that includes the tangent d psi / dr = H^-1 d mu / dr leads from one radius
   /// to the next.
   Evaluation narrow(Evaluation now, double radius, const Goal& goal, const Monitor& monitor) {
@@ -155,13 +161,13 @@ class Level {
       }
       if (!(next.l1_error < kNarrowingError)) next = better(std::move(next), now.psi);
       const bool last = measure_.radius == radius;
-      now = solve_from(std::move(next), last ? goal : Goal{kCoarseError},
+      now = solve_from(std::move(next), last ? goal : Goal{coarse_error()},
                        monitor.part(done(from), done(measure_.radius)));
       factor = std::max(kNarrowing, factor * factor);
     }
     return now;
   }
-  /// The potential that `now` leads to at another radius, to first order; strips and disks have that radius from then
+  /// The potential that `now` leads to at another radius, to first order; strips and points have that radius from then
   /// on.
   Potential extrapolated(const Evaluation& now, double radius) {
     const auto [corrected, tangent] = predict(now);
@@ -169,6 +175,8 @@ class Level {
     measure_.radius = radius;
     return better(evaluate(predicted), now.psi).psi;
   }
+  /// Good enough before a narrowing.
+  [[nodiscard]] double coarse_error() const { return measure_.points.empty() ? kCoarseError : kCoarseErrorAtPoints; }
   [[nodiscard]] int evaluations() const { return evaluations_; }
   [[nodiscard]] const TransportPhases& phases() const { return phases_; }
 
@@ -180,16 +188,62 @@ class Level {
     return predicted.l1_error <= still.l1_error ? std::move(predicted) : std::move(still);
   }
 
+  /// Sites that lie well inside the hull of their neighbours on the source.
+  [[nodiscard]] std::vector<char> enclosed_sites() const {
+    const std::size_t n = sampling_.sites.size();
+    std::vector<std::vector<double>> directions(n);
+    const auto look = [&](int from, int to) {
+      const Vec2 way = sampling_.sites[to] - sampling_.sites[from];
+      directions[from].push_back(std::atan2(way.y(), way.x()));
+    };
+    for (const auto& edge : sampling_.edges) {
+      look(edge.a, edge.b);
+      look(edge.b, edge.a);
+    }
+    std::vector<char> enclosed(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      auto& around = directions[i];
+      std::sort(around.begin(), around.end());
+      double gap = around.empty() ? 2 * kPi : around.front() + 2 * kPi - around.back();
+      for (std::size_t k = 1; k < around.size(); ++k) gap = std::max(gap, around[k] - around[k - 1]);
+      enclosed[i] = gap < kMostGap;
+    }
+    return enclosed;
+  }
+  /// Potentials at which sites have no cell when a point x fills them and all that surround them. All their planes pass
+  /// through one place, x.s_i - psi_i alike but for a few softnesses e, so that the inner ones' cells are within about e over
+  /// the distance of sites from x; finding them costs thousands of all but degenerate triangles.
+  [[nodiscard]] Potential without_inner_cells(const Potential& psi, const std::vector<detail::PointShare>& shares) const {
+    if (shares.empty()) return psi;
+    Potential result = psi;
+    std::vector<int> fills(psi.size(), -1);
+    for (const auto& [point, site, mass] : shares) {
+      if (mass > sampling_.masses[site] / 2) fills[site] = point;
+    }
+    std::vector<char> hidden = inner_;
+    for (const auto& edge : sampling_.edges) {
+      if (fills[edge.a] != fills[edge.b]) hidden[edge.a] = hidden[edge.b] = 0;
+    }
+    for (std::size_t i = 0; i < hidden.size(); ++i) {
+      if (hidden[i] && fills[i] >= 0) result[i] += kHidden * detail::softness(measure_);
+    }
+    return result;
+  }
+
   Evaluation evaluate(Potential psi) {
     ++evaluations_;
     Evaluation e;
     Stopwatch watch;
-    e.diagram = builder_.build(psi);
+    std::vector<detail::PointShare> shares = share_points(measure_, sampling_.sites, psi);
+    phases_.integrals += watch.lap();
+    e.diagram = builder_.build(without_inner_cells(psi, shares));
     phases_.diagrams += watch.lap();
     e.cells = integrate_cells(measure_, e.diagram, sampling_.sites, psi, starts_);
+    add_points(measure_, std::move(shares), e.cells);
     phases_.integrals += watch.lap();
     const std::size_t n = psi.size();
     e.gradient.resize(n);
+    e.value = points_entropy(measure_, e.cells.point_shares);
     e.min_share = std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < n; ++i) {
       const double mass = e.cells.masses[i];
@@ -207,6 +261,11 @@ class Level {
 
   /// Lets cells with too little light grow, where the dual falls by it.
   Evaluation relaxed(Evaluation now) {
+    Potential level = now.psi;
+    if (detail::level_points(measure_, sampling_.sites, sampling_.masses, now.cells.point_shares, level)) {
+      Evaluation next = evaluate(std::move(level));
+      if (next.value < now.value) now = std::move(next);
+    }
     const bool hopeless = now.empty > kMostRelaxed * static_cast<double>(now.psi.size());
     if (hopeless || now.min_share >= detail::RelaxationOptions{}.below) return now;
     Stopwatch watch;
@@ -242,7 +301,7 @@ class Level {
       // gradient decides.
       const auto ratio_of = [&](const Evaluation& trial) {
         double ratio = (now.value - trial.value) / (slope / 2);
-        if (lost_in_rounding) ratio = trial.max_error < now.max_error ? 1 : -1;
+        if (lost_in_rounding) ratio = nearer_to(goal, trial, now) ? 1 : -1;
         return trial.l1_error < kGoodError * now.l1_error ? std::max(ratio, kGoodRatio) : ratio;
       };
       Evaluation trial = evaluate(plus(now.psi, -1, step));
@@ -274,6 +333,10 @@ class Level {
       if (ratio > 0) now = std::move(trial);
     }
     return now;
+  }
+
+  static bool nearer_to(const Goal& goal, const Evaluation& trial, const Evaluation& now) {
+    return now.l1_error > goal.l1_error ? trial.l1_error < now.l1_error : trial.max_error < now.max_error;
   }
 
   /// Goes against `direction`, along which the dual falls by `slope` at first, until half of that is gone: from `t` on, by
@@ -389,6 +452,13 @@ class Level {
       const double slope = e.cells.edge_slopes[k];
       if (slope > 0) edges.push_back({e.diagram.edges[k].a, e.diagram.edges[k].b, slope});
     }
+    // The second derivative of what a point gives, f/e (diag(p) - p p^T), is what is left of a star when its hub is
+    // eliminated.
+    const int n = static_cast<int>(e.psi.size());
+    const int hubs = static_cast<int>(measure_.points.size());
+    for (const auto& [point, site, mass] : e.cells.point_shares) {
+      if (mass > kFaint * sampling_.masses[site]) edges.push_back({site, n + point, mass / detail::softness(measure_)});
+    }
     const std::vector<double> scale = damping_scale(e, edges);
     const auto damped = [&](const GraphEdge& edge, double by) -> GraphEdge {
       return {edge.a, edge.b, by * std::sqrt(scale[edge.a] * scale[edge.b]) * edge.weight};
@@ -397,14 +467,14 @@ class Level {
       const double thin = thin_damping * std::max(thinness(e, edge.a), thinness(e, edge.b));
       if (thin > 0) edges.push_back(damped(edge, thin));
     }
-    std::vector<int> part = detail::connected_components(static_cast<int>(e.psi.size()), edges);
+    std::vector<int> part = detail::connected_components(n + hubs, edges);
     int parts = 0;
     for (std::size_t i = 0; i < part.size(); ++i) parts += part[i] == static_cast<int>(i);
     for (const auto& edge : sampling_.edges) {
       const double by = part[edge.a] == part[edge.b] ? damping : std::max(damping, kJoin);
       if (by > 0) edges.push_back(damped(edge, by));
     }
-    return {Laplacian(sampling_.sites, edges), std::move(part), parts};
+    return {Laplacian(sampling_.sites, edges, hubs), std::move(part), parts};
   }
   /// What a cell lacks to its share of light below which it is damped.
   [[nodiscard]] double thinness(const Evaluation& e, int site) const {
@@ -419,7 +489,7 @@ class Level {
     double unit_total = 0;
     for (const auto& edge : second) {
       own[edge.a] += edge.weight;
-      own[edge.b] += edge.weight;
+      if (static_cast<std::size_t>(edge.b) < n) own[edge.b] += edge.weight;
       own_total += edge.weight;
     }
     for (const auto& edge : sampling_.edges) {
@@ -467,7 +537,8 @@ class Level {
     constexpr double kShare = 1e-4;
     const double radius = measure_.radius;
     measure_.radius = radius * (1 - kShare);
-    const CellIntegrals narrower = integrate_cells(measure_, e.diagram, sampling_.sites, e.psi, starts_);
+    CellIntegrals narrower = integrate_cells(measure_, e.diagram, sampling_.sites, e.psi, starts_);
+    add_points(measure_, share_points(measure_, sampling_.sites, e.psi), narrower);
     measure_.radius = radius;
     Potential derivative(e.psi.size());
     for (std::size_t i = 0; i < derivative.size(); ++i)
@@ -481,6 +552,7 @@ class Level {
   double reach_;
   PowerDiagramBuilder builder_;
   std::vector<int> starts_;
+  std::vector<char> inner_;  // per site: within its neighbours' hull; empty without points
   int evaluations_ = 0;
   TransportPhases phases_;
   int budget_ = 0;  // of evaluations, for the solve that is running
@@ -532,11 +604,7 @@ TransportMap detail::solve_sampled(const std::vector<Sampling>& samplings, const
     const double spacing = std::sqrt(area / static_cast<double>(sampling.sites.size()));
     // Alone, but never so wide that they merge.
     const double alone = std::min(kStartRadiusAlone * spacing, 0.1 * sampling.spread.maxCoeff());
-    // A heavy point's disk has to be cut among many cells.
-    double flux = 0;
-    for (const auto& point : target.points) flux = std::max(flux, point.flux);
-    const double heavy = 0.1 * std::min(std::sqrt(flux * area), sampling.spread.maxCoeff());
-    return std::max(options.point_radius_mm, target.area_total() > 0 ? std::max(kStartRadius * spacing, heavy) : alone);
+    return std::max(options.point_radius_mm, target.area_total() > 0 ? kStartRadius * spacing : alone);
   };
 
   const Goal wanted{options.l1_tolerance, options.max_tolerance, true};
@@ -573,7 +641,8 @@ TransportMap detail::solve_sampled(const std::vector<Sampling>& samplings, const
     const bool finest = level == 0;
     const bool last = finest && measure_radius <= options.point_radius_mm;
     const double share_then = finest && !singular ? 1 : share_done + (singular ? 0.4 : 0.75) * share;
-    result = solver.solve(std::move(psi), last ? wanted : Goal{kCoarseError}, steady.part(share_done, share_then));
+    result = solver.solve(std::move(psi), last ? wanted : Goal{finest ? solver.coarse_error() : kCoarseError},
+                          steady.part(share_done, share_then));
     if (finest && singular) {
       result = solver.narrow(std::move(*result), options.point_radius_mm, wanted,
                              steady.part(share_then, 1));

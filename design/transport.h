@@ -22,7 +22,7 @@ struct TransportOptions {
   double l1_tolerance = 1e-4;   ///< stop when sum_i |mu_T(C_i) - mu_S(C_i)| is below, and
   double max_tolerance = 1e-2;  ///< max_i |mu_T(C_i) - mu_S(C_i)| / mu_S(C_i) is below
   int max_iterations = 500;     ///< evaluations of the dual per level
-  double point_radius_mm = 0.01;///< points of light are disks of this radius inside the solver
+  double point_radius_mm = 0.01;///< half width of curves inside the solver; its square is the softness of points, README.md
   std::uint64_t seed = 1;
 };
 

@@ -182,18 +182,21 @@ class GrownCell {
   std::vector<int> across_, cut_across_;  // per corner: the rival across the side that begins there, -1 at the square
 };
 
-/// Searches the potential that gives a cell a share within the options' bounds; false when none is found.
-bool grow(const PolygonMeasure& light, const AgedDiagram& aged, GrownCell& cell, int site, int near, double share,
-          double wanted, const RelaxationOptions& options, double& potential) {
+/// Searches the potential that gives a cell a share within the options' bounds; false when none is found. At `enough` a
+/// point of light alone would do.
+bool grow(const PolygonMeasure& light, const PointPull& pull, const AgedDiagram& aged, GrownCell& cell, int site, int near,
+          double share, double wanted, double enough, const RelaxationOptions& options, double& potential) {
   double fall = kFirstFall * std::min(aged.perimeter(near), options.reach) * (aged.sites[site] - aged.sites[near]).norm();
   if (!(fall > 0)) fall = 1e-6 * wanted * options.reach * options.reach;
+  fall = std::clamp(potential - enough, 0.0, fall);
   double too_little = 0;
   double too_much = 0;
   double share_little = std::max(share, 0.0);
   double share_much = 0;
   const double aim = (options.least + options.most) / 2;
   for (int attempt = 0; attempt < kMostTries; ++attempt) {
-    const double now = light.mass(cell.at(potential - fall)) / wanted;
+    const double tried = potential - fall;
+    const double now = (light.mass(cell.at(tried)) + pull.mass(site, aged.psi[site], tried)) / wanted;
     if (now >= options.least && now <= options.most) {
       potential -= fall;
       return true;
@@ -208,6 +211,7 @@ bool grow(const PolygonMeasure& light, const AgedDiagram& aged, GrownCell& cell,
     // A cell grows with the square of the fall at first.
     if (too_much == 0) {
       fall *= now > 0 ? std::clamp(std::sqrt(aim / now), 1.5, 8.0) : 4.0;
+      if (enough < tried) fall = std::min(fall, potential - enough);
     } else {
       const double low = std::sqrt(share_little);
       const double part = (std::sqrt(aim) - low) / (std::sqrt(share_much) - low);
@@ -235,6 +239,7 @@ std::vector<double> relax_cells(const TargetMeasure& measure, const PowerDiagram
   if (queue.empty()) return psi;
 
   const PolygonMeasure light(measure);
+  PointPull pull(measure, sites, psi);
   AgedDiagram aged(diagram, sites, psi);
   // A hidden site appears at the dual vertex of the triangle that it lies under.
   std::unordered_map<int, double> appearance;
@@ -249,12 +254,19 @@ std::vector<double> relax_cells(const TargetMeasure& measure, const PowerDiagram
     queue.pop_front();
     queued[site] = 0;
     const int near = aged.near(site);
+    double potential = aged.psi[site];
+    const double enough = pull.potential_for(site, potential, (options.least + options.most) / 2 * wanted[site]);
+    const auto appears = appearance.find(site);
+    if (appears != appearance.end() && enough > appears->second) {
+      pull.move(site, aged.psi[site], enough);
+      aged.psi[site] = enough;
+      continue;
+    }
     if (near < 0 || aged.degree(site) > kMostNeighbours) continue;
     GrownCell cell(aged, site, near, options.reach);
-    double potential = aged.psi[site];
-    const auto appears = appearance.find(site);
     if (appears != appearance.end()) potential = std::min(potential, appears->second);
-    if (!grow(light, aged, cell, site, near, shares[site], wanted[site], options, potential)) continue;
+    if (!grow(light, pull, aged, cell, site, near, shares[site], wanted[site], enough, options, potential)) continue;
+    pull.move(site, aged.psi[site], potential);
     aged.psi[site] = potential;
     shares[site] = options.least;
     ++moves;
@@ -263,7 +275,8 @@ std::vector<double> relax_cells(const TargetMeasure& measure, const PowerDiagram
     for (const int other : neighbours) {
       if (queued[other] || aged.degree(other) > kMostNeighbours) continue;
       GrownCell rest(aged, other, site, options.reach);
-      shares[other] = light.mass(rest.at(aged.psi[other])) / wanted[other];
+      const double psi_other = aged.psi[other];
+      shares[other] = (light.mass(rest.at(psi_other)) + pull.mass(other, psi_other, psi_other)) / wanted[other];
       if (shares[other] >= options.below) continue;
       queue.push_back(other);
       queued[other] = 1;

@@ -22,7 +22,10 @@ class NestedDissection {
  public:
   NestedDissection(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges) : nodes_(nodes) {
     first_.assign(nodes.size() + 1, 0);
+    const int n = static_cast<int>(nodes.size());
+    const auto to_hub = [n](const GraphEdge& edge) { return std::max(edge.a, edge.b) >= n; };
     for (const auto& edge : edges) {
+      if (to_hub(edge)) continue;
       ++first_[edge.a + 1];
       ++first_[edge.b + 1];
     }
@@ -30,6 +33,7 @@ class NestedDissection {
     adjacent_.resize(first_.back());
     std::vector<int> next(first_.begin(), first_.end() - 1);
     for (const auto& edge : edges) {
+      if (to_hub(edge)) continue;
       adjacent_[next[edge.a]++] = edge.b;
       adjacent_[next[edge.b]++] = edge.a;
     }
@@ -129,11 +133,12 @@ struct Laplacian::Factor {
   Eigen::CholmodSupernodalLLT<Matrix, Eigen::Lower> cholesky;
 };
 
-Laplacian::Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges)
+Laplacian::Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges, int hubs)
     : factor_(std::make_unique<Factor>()) {
   factor_->order = NestedDissection(nodes, edges).order();
-  std::vector<int> place(nodes.size());
-  for (std::size_t k = 0; k < nodes.size(); ++k) place[factor_->order[k]] = static_cast<int>(k);
+  for (int k = 0; k < hubs; ++k) factor_->order.push_back(static_cast<int>(nodes.size()) + k);
+  std::vector<int> place(factor_->order.size());
+  for (std::size_t k = 0; k < place.size(); ++k) place[factor_->order[k]] = static_cast<int>(k);
   const Matrix matrix = lower_half(edges, place);
   auto& common = factor_->cholesky.cholmod();
   common.print = 0;
@@ -157,13 +162,18 @@ Laplacian::Laplacian(Laplacian&&) noexcept = default;
 Laplacian& Laplacian::operator=(Laplacian&&) noexcept = default;
 
 std::vector<double> Laplacian::solve(const std::vector<double>& rhs) const {
-  const int n = static_cast<int>(rhs.size()) - 1;
+  const std::vector<int>& order = factor_->order;
+  const int nodes = static_cast<int>(rhs.size());
+  const int n = static_cast<int>(order.size()) - 1;
   Eigen::VectorXd ordered(n);
-  for (int k = 0; k < n; ++k) ordered[k] = rhs[factor_->order[k]];
+  for (int k = 0; k < n; ++k) ordered[k] = order[k] < nodes ? rhs[order[k]] : 0;
   const Eigen::VectorXd x = factor_->cholesky.solve(ordered);
-  const double mean = x.sum() / (n + 1);
-  std::vector<double> result(n + 1, -mean);
-  for (int k = 0; k < n; ++k) result[factor_->order[k]] = x[k] - mean;
+  std::vector<double> result(nodes, 0.0);
+  for (int k = 0; k < n; ++k) {
+    if (order[k] < nodes) result[order[k]] = x[k];
+  }
+  const double mean = std::accumulate(result.begin(), result.end(), 0.0) / nodes;
+  for (double& value : result) value -= mean;
   return result;
 }
 

@@ -19,13 +19,14 @@ struct GraphEdge {
 class Laplacian {
  public:
   /// Factorises. At least two nodes; the places need only be such that edges are short: the order of elimination is a nested
-  /// dissection of the plane [George 1973]. Throws NumericalError if the graph is not connected.
-  Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges);
+  /// dissection of the plane [George 1973]. Edges may lead to `hubs` more nodes, numbered after the others, which have any
+  /// number of neighbours and are eliminated last. Throws NumericalError if the graph is not connected.
+  Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges, int hubs = 0);
   ~Laplacian();
   Laplacian(Laplacian&&) noexcept;
   Laplacian& operator=(Laplacian&&) noexcept;
 
-  /// The solution of mean zero; `rhs` must sum to zero.
+  /// The solution of mean zero, hubs left out; `rhs` must sum to zero and is zero at hubs.
   [[nodiscard]] std::vector<double> solve(const std::vector<double>& rhs) const;
 
  private:

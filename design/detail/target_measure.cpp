@@ -288,7 +288,7 @@ TargetMeasure measure_of(const TargetLight& target, const Vec2& centre, double r
                                 curve.density_per_mm[k + 1]});
     }
   }
-  for (const auto& point : target.points) measure.disks.push_back({point.position_mm - centre, point.flux});
+  for (const auto& point : target.points) measure.points.push_back({point.position_mm - centre, point.flux});
   measure.radius = radius;
   return measure;
 }
@@ -486,6 +486,16 @@ CellIntegrals integrate_cells(const TargetMeasure& measure, const PowerDiagram& 
   }
   for (std::size_t e = 0; e < diagram.edges.size(); ++e) cells.edge_slopes[e] /= diagram.site_distance[e];
   return cells;
+}
+
+void add_points(const TargetMeasure& measure, std::vector<PointShare> shares, CellIntegrals& cells) {
+  for (const auto& [point, site, mass] : shares) {
+    const Vec2 moment = mass * measure.points[point].place;
+    cells.masses[site] += mass;
+    cells.moments[site] += moment;
+    cells.collapsed_moments[site] += moment;
+  }
+  cells.point_shares = std::move(shares);
 }
 
 }  // namespace lightmill::detail

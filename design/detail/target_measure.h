@@ -1,5 +1,5 @@
-// Exact integrals of a target measure (pixels and filled shapes, strips along curves, disks at points) over the cells of a
-// power diagram.
+// Exact integrals of a target measure (pixels and filled shapes, strips along curves, points) over the cells of a power
+// diagram.
 #pragma once
 
 #include <limits>
@@ -7,6 +7,7 @@
 
 #include "design/core/geometry.h"
 #include "design/detail/pixel_density.h"
+#include "design/detail/point_light.h"
 #include "design/detail/power_diagram.h"
 #include "design/target.h"
 
@@ -22,16 +23,24 @@ struct Strip {
   double density_to;
 };
 
+/// An evenly lit disk of radius `radius`.
 struct Disk {
   Vec2 centre;
   double flux;
 };
 
-/// The target inside the solver. Singular light is spread over strips and disks of half width `radius`.
+/// A point of light, shared among sites as point_light.h says, with the softness radius^2.
+struct Point {
+  Vec2 place;
+  double flux;
+};
+
+/// The target inside the solver. Curves are spread over strips of half width `radius`.
 struct TargetMeasure {
   PixelDensity pixels;
   std::vector<Strip> strips;
   std::vector<Disk> disks;
+  std::vector<Point> points;
   double radius = 0;
 };
 
@@ -51,7 +60,7 @@ Spread spread_of(const TargetLight& target, double radius);
 class PolygonMeasure {
  public:
   explicit PolygonMeasure(const TargetMeasure& measure);
-  /// Flux in a polygon, counter-clockwise.
+  /// Flux in a polygon, counter-clockwise; that of points is no polygon's.
   [[nodiscard]] double mass(const std::vector<Vec2>& corners) const;
 
  private:
@@ -68,11 +77,14 @@ struct CellIntegrals {
   std::vector<double> masses;
   std::vector<Vec2> moments;            ///< first moments of the measure
   std::vector<Vec2> collapsed_moments;  ///< the same with strips and disks drawn together onto their axes and centres
+  std::vector<PointShare> point_shares;  ///< what points add to masses and moments
   std::vector<double> edge_slopes;      ///< per edge: -d mass_a / d psi_a across it = (density along it) / |s_a - s_b|
 };
 
-/// Masses, moments and Hessian entries of all cells. `starts` remembers where each strip and disk was found (any size).
+/// Masses, moments and Hessian entries of all cells, points aside. `starts` remembers where each strip and disk was found (any size).
 CellIntegrals integrate_cells(const TargetMeasure& measure, const PowerDiagram& diagram, const std::vector<Vec2>& sites,
                               const std::vector<double>& psi, std::vector<int>& starts);
+/// Adds what points give, as share_points found it.
+void add_points(const TargetMeasure& measure, std::vector<PointShare> shares, CellIntegrals& cells);
 
 }  // namespace lightmill::detail

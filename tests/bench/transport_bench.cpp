@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <ctime>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -50,6 +51,18 @@ TargetLight target_of(const std::string& name) {
     TargetLight target;
     target.extent = Box2::centred(spec.size_mm);
     target.points = {{{-20, 5}, 0.3}, {{25, -10}, 0.7}};
+    return target;
+  }
+  if (name == "stars") {
+    // Half of the photo's light in 300 points of any strength.
+    TargetLight target = test::must_hold_target("photo");
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> at(-48, 48), strength(0, 5);
+    for (int k = 0; k < 300; ++k) target.points.push_back({{at(random), at(random)}, std::exp(strength(random))});
+    double points = 0;
+    for (const auto& point : target.points) points += point.flux;
+    for (auto& point : target.points) point.flux /= points;
+    target.normalise();
     return target;
   }
   if (std::ranges::find(test::kMustHold, name) != test::kMustHold.end()) return test::must_hold_target(name);

@@ -39,8 +39,8 @@ inline void expect_sound(const TransportMap& map, const TransportOptions& option
   EXPECT_NEAR(s.max_mass_error, most, 1e-9);
   EXPECT_LE(l1, options.l1_tolerance);
   EXPECT_LE(most, options.max_tolerance);
-  // No exchange of targets is shorter. Strips and disks are drawn together to their axes in the centroids, which moves
-  // them by at most their radius.
+  // No exchange of targets is shorter. Strips are drawn together to their axes in the centroids, which moves them by at most
+  // their radius.
   std::mt19937 random(11);
   std::uniform_int_distribution<std::size_t> any(0, n - 1);
   for (int trial = 0; trial < 20000; ++trial) {
@@ -59,16 +59,16 @@ inline void expect_sound(const TransportMap& map, const TransportOptions& option
   }
 }
 
-/// Light of the target in small portions. `part` counts its parts: the area light, the pieces of each curve, the
-/// points.
+/// Light of the target in small portions, points aside. `part` counts its parts: the area light, the pieces of each
+/// curve.
 struct Portion {
   Vec2 place;
   double flux;
   int part;
 };
 
-/// A raster of the target that shares no code with the solver: each pixel in `fine` x `fine` portions; curves and
-/// points as the strips and disks of half width `radius` that README.md, "Transport", says they are.
+/// A raster of the target that shares no code with the solver: each pixel in `fine` x `fine` portions; curves as the strips
+/// of half width `radius` that README.md, "Transport", says they are.
 inline std::vector<Portion> portions_of(const TargetLight& target, int fine, double radius) {
   EXPECT_TRUE(target.area_borders.empty()) << "filled shapes are not rastered here";
   std::vector<Portion> portions;
@@ -101,16 +101,6 @@ inline std::vector<Portion> portions_of(const TargetLight& target, int fine, dou
       }
     }
   }
-  constexpr int kOfPoint = 20000;
-  const double golden = kPi * (3 - std::sqrt(5.0));
-  for (const auto& point : target.points) {
-    for (int i = 0; i < kOfPoint; ++i) {
-      const double r = radius * std::sqrt((i + 0.5) / kOfPoint);
-      portions.push_back(
-          {point.position_mm + r * Vec2(std::cos(golden * i), std::sin(golden * i)), point.flux / kOfPoint, part});
-    }
-    ++part;
-  }
   return portions;
 }
 
@@ -132,6 +122,27 @@ inline std::vector<std::vector<double>> rastered_masses(const std::vector<Vec2>&
     }
     masses.resize(std::max<std::size_t>(masses.size(), portion.part + 1), std::vector<double>(sites.size(), 0.0));
     masses[portion.part][best] += portion.flux;
+  }
+  return masses;
+}
+
+/// What each point sends to each sample, by the formula of README.md, "Transport". [point][sample]
+inline std::vector<std::vector<double>> masses_of_points(const TransportMap& map, const TargetLight& target, double radius) {
+  std::vector<std::vector<double>> masses;
+  for (const auto& point : target.points) {
+    const auto power = [&](std::size_t i) {
+      return (point.position_mm - map.sites_mm[i]).squaredNorm() - map.weights_mm2[i];
+    };
+    double least = power(0);
+    for (std::size_t i = 1; i < map.sites_mm.size(); ++i) least = std::min(least, power(i));
+    std::vector<double> shares;
+    double sum = 0;
+    for (std::size_t i = 0; i < map.sites_mm.size(); ++i) {
+      shares.push_back(std::exp((least - power(i)) / (2 * radius * radius)));
+      sum += shares.back();
+    }
+    for (double& share : shares) share *= point.flux / sum;
+    masses.push_back(shares);
   }
   return masses;
 }

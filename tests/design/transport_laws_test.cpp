@@ -57,7 +57,8 @@ TEST(TransportMasses, AreThoseOfTheCellsThatWeightsAndSitesDefine) {
   options.l1_tolerance = 1e-9;
   const TransportMap map = solve_transport(source, target, options);
   expect_sound(map, options);
-  const auto parts = rastered_masses(map.sites_mm, map.weights_mm2, portions_of(target, 50, options.point_radius_mm));
+  auto parts = rastered_masses(map.sites_mm, map.weights_mm2, portions_of(target, 50, options.point_radius_mm));
+  for (auto& point : test::masses_of_points(map, target, options.point_radius_mm)) parts.push_back(std::move(point));
   ASSERT_EQ(parts.size(), 1U + 3 + 2);
   const double per_sample = 1.0 / static_cast<double>(map.sites_mm.size());
   std::vector<double> masses(map.sites_mm.size(), 0.0);
