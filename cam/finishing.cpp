@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "cam/detail/ball_passes.h"
+#include "cam/outline_region.h"
 #include "cam/detail/tool_axis.h"
 #include "cam/detail/tool_clearance.h"
 #include "design/core/errors.h"
@@ -24,6 +25,11 @@ constexpr double kLinkAboveMm = 1.5;  ///< of links above the highest place on t
 constexpr double kLandRadiusMm = 4;
 constexpr double kLandMm = 2;
 constexpr double kLandInStockMm = 4;
+// Within an outline passes reach so far beyond it, contact for contact; semi-finishing farther, so that finishing lands where
+// its allowance alone stands.
+constexpr double kBeyondMm = 1;
+constexpr double kBeyondInStockMm = kBeyondMm + kLandMm + 1;
+constexpr double kOutlinePitchMm = 0.05;
 constexpr double kMostTurnRad = 0.5 * kPi / 180;  ///< of the axis in one cutting move
 
 void check(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const FinishOptions& o) {
@@ -50,18 +56,24 @@ void check(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
   }
 }
 
-/// The passes between which the whole lens lies: their balls touch it at or beyond its border.
-std::pair<double, double> pass_range(const SplineSurface& surface, double radius_mm) {
+/// Places on the border of what is to be finished.
+std::vector<Vec2> border_places(const SplineSurface& surface, const std::optional<Outline>& outline) {
+  if (outline) return outline_places(*outline, kOutlinePitchMm);
   const Box2& extent = surface.extent();
-  double from = std::numeric_limits<double>::infinity();
-  double to = -from;
+  std::vector<Vec2> places;
   const int steps = 8 * surface.spans_x();
   for (int i = 0; i <= steps; ++i) {
     const double x = extent.min.x() + extent.size().x() * i / steps;
-    from = std::min(from, extent.min.y() + radius_mm * surface.normal(x, extent.min.y()).y());
-    to = std::max(to, extent.max.y() + radius_mm * surface.normal(x, extent.max.y()).y());
+    places.emplace_back(x, extent.min.y());
+    places.emplace_back(x, extent.max.y());
   }
-  return {from, to};
+  return places;
+}
+
+/// Where the ball's centre is when it touches them.
+std::vector<Vec2> centres_over(const SplineSurface& surface, double radius_mm, std::vector<Vec2> places) {
+  for (Vec2& p : places) p += radius_mm * surface.normal(p.x(), p.y()).head<2>();
+  return places;
 }
 
 /// A vertex of a pass with its axis.
@@ -87,18 +99,29 @@ class Planner {
   }
 
   ToolPath plan(const Monitor& monitor) {
+    if (options_.outline) within_.emplace(*options_.outline, kBeyondMm / 2);
     // Whether an axis exists is known at once; the passes do not depend on it.
     choose_axes();
     detail::SpacingOptions spacing;
     spacing.cutting_radius_mm = radius_;
     spacing.cusp_mm = options_.cusp_um * 1e-3;
-    spacing.from_x = box_.min.x() - radius_ - kBesideMm;
-    spacing.to_x = box_.max.x() + radius_ + kBesideMm;
-    std::tie(spacing.from_y, spacing.to_y) = pass_range(surface_, ball_.radius_mm());
+    const std::vector<Vec2> border = centres_over(surface_, ball_.radius_mm(), border_places(surface_, options_.outline));
+    Box2 reach;
+    for (const Vec2& centre : border) reach.include(centre);
+    spacing.from_y = reach.min.y();
+    spacing.to_y = reach.max.y();
+    if (within_) {
+      spacing.wanted = &*within_;
+      const double beyond = options_.allowance_mm > 0 ? kBeyondInStockMm : kBeyondMm;
+      spacing.ends = [&border, beyond](double y) { return reach_along_x(border, beyond, y); };
+      spacing.from_y -= beyond - kBeyondMm;
+      spacing.to_y += beyond - kBeyondMm;
+    } else {
+      const double beside = radius_ + kBesideMm;
+      spacing.ends = [this, beside](double) { return std::pair(box_.min.x() - beside, box_.max.x() + beside); };
+    }
     spacing.tolerance = tolerance_;
     const detail::SpacedPasses passes = detail::space_passes(ball_, spacing, monitor.part(0, 0.85));
-    from_x_ = spacing.from_x;
-    to_x_ = spacing.to_x;
 
     monitor.report("checking shank and holder", 0.87);
     settle_axis(passes.paths);
@@ -122,11 +145,13 @@ class Planner {
     if (options_.axis == AxisPolicy::kVertical) {
       tilts_ = {{0, 0, 0, 0}};
     } else if (options_.axis == AxisPolicy::kFixed) {
-      tilts_ = detail::fixed_tilts(surface_, options_.tilt_rad, options_.tilt_direction_rad);
+      tilts_ = detail::fixed_tilts(surface_, options_.tilt_rad, options_.tilt_direction_rad, within());
     } else {
-      lead_.emplace(surface_, options_.tilt_rad);
+      lead_.emplace(surface_, options_.tilt_rad, within());
     }
   }
+
+  [[nodiscard]] const OutlineRegion* within() const { return within_ ? &*within_ : nullptr; }
 
   /// The first tilt whose shank and holder stay clear of the part.
   void settle_axis(const std::vector<CentrePath>& paths) {
@@ -182,13 +207,16 @@ class Planner {
     const auto lift = [](double away) { return away * away / (2 * kLandRadiusMm); };
     const double begin = path.points.front().x;
     const double end = path.points.back().x;
-    if (path.infill && begin - land > from_x_) {
+    const bool lands = path.infill || options_.outline;
+    // A piece that begins at the blank's side comes in from beside it.
+    const auto in_air = [&](double x) { return !options_.outline && (x <= box_.min.x() - radius_ - kBesideMm || x >= box_.max.x() + radius_ + kBesideMm); };
+    if (lands && !in_air(begin - land)) {
       for (const PathPoint& p : detail::centre_path(ball_, path.y, begin - land, begin, tolerance_).points) {
         if (p.x < begin) add(result, vertex(p.x, path.y, p.z, lift(begin - p.x)));
       }
     }
     for (const PathPoint& p : path.points) add(result, vertex(p.x, path.y, p.z, 0));
-    if (path.infill && end + land < to_x_) {
+    if (lands && !in_air(end + land)) {
       for (const PathPoint& p : detail::centre_path(ball_, path.y, end, end + land, tolerance_).points) {
         if (p.x > end) add(result, vertex(p.x, path.y, p.z, lift(p.x - end)));
       }
@@ -284,7 +312,7 @@ class Planner {
   detail::BallContact ball_;
   Box2 box_;
   detail::PathTolerance tolerance_;
-  double from_x_ = 0, to_x_ = 0;
+  std::optional<OutlineRegion> within_;
   std::vector<detail::FixedTilt> tilts_;
   std::optional<detail::LeadField> lead_;
   Vec3 axis_ = Vec3::UnitZ();

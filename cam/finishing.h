@@ -1,7 +1,10 @@
 // Ball passes over the optical surface: cutter locations from the smooth surface, stepover from the cusp height.
 #pragma once
 
+#include <optional>
+
 #include "cam/blank.h"
+#include "cam/outline.h"
 #include "cam/spline_surface.h"
 #include "cam/toolpath.h"
 #include "design/core/monitor.h"
@@ -23,6 +26,9 @@ struct FinishOptions {
   double longest_segment_mm = 0.2;
   double link_feed_mm_per_s = 80;  ///< kLink moves
   double clearance_mm = 5;         ///< of the tip above the blank for rapids
+  /// Only what lies within is finished, passes landing and leaving beside it; empty: the whole surface, passes from beside
+  /// the blank to beside it.
+  std::optional<Outline> outline;
 };
 
 /// One-way passes along +X (climb milling), y growing, each entered and left beside the part in air, tangentially;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "cam/detail/ball_contact.h"
+#include "cam/outline_region.h"
 #include "design/core/parallel.h"
 
 namespace lightmill {
@@ -472,6 +473,21 @@ class LowestBall {
   Grid<detail::Contact> resting_;  ///< balls on the coarse grid; z is infinite where none was wanted
 };
 
+/// Area and highest residue from the residues.
+void sum_up(ReachableSurface& r) {
+  r.unreachable_area_mm2 = r.max_residue_um = 0;
+  const int nx = r.residue_um.width, ny = r.residue_um.height;
+  for (int j = 0; j < ny; ++j) {
+    // A node stands for the part of its square that lies on the lens.
+    const double high = (j == 0 || j == ny - 1) ? r.pitch_mm / 2 : r.pitch_mm;
+    for (int i = 0; i < nx; ++i) {
+      const double residue = r.residue_um.at(i, j);
+      r.max_residue_um = std::max(r.max_residue_um, residue);
+      if (residue > r.threshold_um) r.unreachable_area_mm2 += high * ((i == 0 || i == nx - 1) ? r.pitch_mm / 2 : r.pitch_mm);
+    }
+  }
+}
+
 }  // namespace
 
 ReachableSurface reachable_surface(const SplineSurface& surface, double ball_radius_mm, double pitch_mm,
@@ -539,19 +555,24 @@ ReachableSurface reachable_surface(const SplineSurface& surface, double ball_rad
     });
   }
 
-  for (int j = 0; j < ny; ++j) {
-    // A node stands for the part of its square that lies on the lens.
-    const double high = (j == 0 || j == ny - 1) ? pitch_mm / 2 : pitch_mm;
-    for (int i = 0; i < nx; ++i) {
-      const double residue = result.residue_um.at(i, j);
-      result.max_residue_um = std::max(result.max_residue_um, residue);
-      if (residue > result.threshold_um) {
-        result.unreachable_area_mm2 += high * ((i == 0 || i == nx - 1) ? pitch_mm / 2 : pitch_mm);
-      }
-    }
-  }
+  sum_up(result);
   monitor.report("reachable surface done", 1);
   return result;
+}
+
+ReachableSurface within(ReachableSurface reachable, const Outline& outline) {
+  if (outline.shape == Outline::Shape::kRectangle) return reachable;
+  const OutlineRegion region(outline, 0);
+  for (int j = 0; j < reachable.residue_um.height; ++j) {
+    for (int i = 0; i < reachable.residue_um.width; ++i) {
+      if (region.contains(reachable.extent.min + reachable.pitch_mm * Vec2(i, j))) continue;
+      const float design = reachable.closing_mm.at(i, j) - 1e-3F * reachable.residue_um.at(i, j);
+      reachable.closing_mm.at(i, j) = design;
+      reachable.residue_um.at(i, j) = 0;
+    }
+  }
+  sum_up(reachable);
+  return reachable;
 }
 
 }  // namespace lightmill

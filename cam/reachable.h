@@ -1,6 +1,7 @@
 // What an ideal ball can leave of a surface: its morphological closing, and where that differs from the surface.
 #pragma once
 
+#include "cam/outline.h"
 #include "cam/spline_surface.h"
 #include "design/core/monitor.h"
 
@@ -19,5 +20,8 @@ struct ReachableSurface {
 
 ReachableSurface reachable_surface(const SplineSurface& surface, double ball_radius_mm, double pitch_mm,
                                    const Monitor& monitor = {});
+
+/// The same with nothing out of reach outside the outline: no residue there, area and highest residue without it.
+ReachableSurface within(ReachableSurface reachable, const Outline& outline);
 
 }  // namespace lightmill

@@ -1,13 +1,23 @@
 #include "cam/solid.h"
 
 #include <APIHeaderSection_MakeHeader.hxx>
+#include <BRepAdaptor_Curve2d.hxx>
+#include <BRepAdaptor_Surface.hxx>
+#include <BRepAlgoAPI_Common.hxx>
+#include <BRepAlgoAPI_Fuse.hxx>
+#include <BRepBuilderAPI_MakeEdge.hxx>
+#include <BRepBuilderAPI_MakeFace.hxx>
+#include <BRepBuilderAPI_MakeWire.hxx>
 #include <BRepCheck_Analyzer.hxx>
 #include <BRepGProp.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
+#include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepPrimAPI_MakePrism.hxx>
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
 #include <GProp_GProps.hxx>
 #include <Geom2d_Line.hxx>
+#include <GeomAPI_Interpolate.hxx>
 #include <GeomAdaptor_Surface.hxx>
 #include <Geom_BSplineCurve.hxx>
 #include <Geom_BSplineSurface.hxx>
@@ -24,6 +34,7 @@
 #include <Standard_Failure.hxx>
 #include <StepBasic_Product.hxx>
 #include <StepData_StepModel.hxx>
+#include <TColgp_HArray1OfPnt.hxx>
 #include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
 #include <TopExp_Explorer.hxx>
@@ -50,16 +61,21 @@ constexpr int kTileSpans = 80;
 constexpr double kToleranceMm = 1e-7;
 // Largest relative difference between the solid's volume and the spline's own integral.
 constexpr double kVolumeTolerance = 1e-6;
+// The same within an outline, where the integral goes by rows.
+constexpr double kTrimmedVolumeTolerance = 1e-5;
+// An outline's places where it turns by more than this, and pieces longer than this, are corners and straight walls.
+constexpr double kCornerRad = 0.25;
+constexpr double kStraightMm = 3;
 // Largest distance of the faces read back from the spline: what 15 decimals in the file can explain, and more.
 constexpr double kDeviationToleranceUm = 1e-3;
 
 /// OpenCASCADE's settings and printers are global: one exchange at a time, and silence while it lasts.
 class ExchangeSession {
  public:
-  ExchangeSession() : lock_(mutex()), printers_(Message::DefaultMessenger()->Printers()) {
+  explicit ExchangeSession(StepSchema schema) : lock_(mutex()), printers_(Message::DefaultMessenger()->Printers()) {
     Message::DefaultMessenger()->ChangePrinters().Clear();
     STEPControl_Controller::Init();
-    Interface_Static::SetCVal("write.step.schema", "AP214IS");
+    Interface_Static::SetCVal("write.step.schema", schema == StepSchema::kAp214 ? "AP214IS" : "AP242DIS");
     Interface_Static::SetCVal("write.step.unit", "MM");
     Interface_Static::SetCVal("xstep.cascade.unit", "MM");
     Interface_Static::SetIVal("write.surfacecurve.mode", 0);  // readers rebuild curves on faces: half the file
@@ -338,23 +354,142 @@ class LensBuilder {
   TopoDS_Edge upright_[4], back_[4];
 };
 
-void write_step(const std::filesystem::path& path, const TopoDS_Shape& shape, const std::string& product_name) {
+/// The closed wire through an outline's places: curves between its corners.
+TopoDS_Wire wire_through(const std::vector<Vec2>& loop, double z) {
+  const int n = static_cast<int>(loop.size());
+  const auto at = [&](int k) -> const Vec2& { return loop[((k % n) + n) % n]; };
+  const auto point = [&](int k) { return gp_Pnt(at(k).x(), at(k).y(), z); };
+  std::vector<int> corners;
+  for (int k = 0; k < n; ++k) {
+    const Vec2 before = at(k) - at(k - 1), after = at(k + 1) - at(k);
+    const double turn = std::atan2(before.x() * after.y() - before.y() * after.x(), before.dot(after));
+    if (std::abs(turn) > kCornerRad || std::max(before.norm(), after.norm()) > kStraightMm) corners.push_back(k);
+  }
+  const auto curve = [&](int first, int last, bool closed) {
+    const Handle(TColgp_HArray1OfPnt) points = new TColgp_HArray1OfPnt(1, last - first + (closed ? 0 : 1));
+    for (int k = 1; k <= points->Upper(); ++k) points->SetValue(k, point(first + k - 1));
+    GeomAPI_Interpolate through(points, closed, kToleranceMm);
+    through.Perform();
+    if (!through.IsDone()) throw NumericalError("lens solid: no curve through the outline");
+    return through.Curve();
+  };
+  BRepBuilderAPI_MakeWire wire;
+  if (corners.empty()) {
+    wire.Add(BRepBuilderAPI_MakeEdge(curve(0, n, true)).Edge());
+    return wire.Wire();
+  }
+  for (std::size_t c = 0; c < corners.size(); ++c) {
+    const int first = corners[c];
+    const int last = c + 1 < corners.size() ? corners[c + 1] : corners[0] + n;
+    wire.Add(last - first == 1 ? BRepBuilderAPI_MakeEdge(point(first), point(last)).Edge()
+                               : BRepBuilderAPI_MakeEdge(curve(first, last, false)).Edge());
+  }
+  return wire.Wire();
+}
+
+TopoDS_Face flat_face(const Outline& outline, double z) {
+  return BRepBuilderAPI_MakeFace(wire_through(outline.loop_mm, z), true).Face();
+}
+
+/// How much larger the outline is by the curves through its places than by its chords.
+double area_beside_chords_mm2(const Outline& outline) {
+  if (outline.shape != Outline::Shape::kLoop) return 0;
+  GProp_GProps properties;
+  BRepGProp::SurfaceProperties(flat_face(outline, 0), properties, 1e-9);
+  return properties.Mass() - outline.area_mm2();
+}
+
+/// Everything within the outline from one height to another.
+TopoDS_Shape prism(const Outline& outline, double from_z, double to_z) {
+  const Vec2 half = outline.size_mm / 2;
+  switch (outline.shape) {
+    case Outline::Shape::kRectangle:
+      return BRepPrimAPI_MakeBox(gp_Pnt(-half.x(), -half.y(), from_z), gp_Pnt(half.x(), half.y(), to_z)).Shape();
+    case Outline::Shape::kDisk:
+      return BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, 0, from_z), gp_Dir(0, 0, 1)), half.x(), to_z - from_z).Shape();
+    default:
+      return BRepPrimAPI_MakePrism(flat_face(outline, from_z),
+                                   gp_Vec(0, 0, to_z - from_z))
+          .Shape();
+  }
+}
+
+template <typename Operation>
+TopoDS_Shape combined(const TopoDS_Shape& a, const TopoDS_Shape& b) {
+  Operation operation(a, b);
+  if (!operation.IsDone() || operation.HasErrors()) throw NumericalError("lens solid: OpenCASCADE cannot cut it along the outline");
+  return operation.Shape();
+}
+
+/// The block under the whole surface, cut along the outline and set on its land.
+TopoDS_Shape trimmed(TopoDS_Shape shape, const SolidOptions& options, double top_z) {
+  if (options.outline) shape = combined<BRepAlgoAPI_Common>(shape, prism(*options.outline, -1, top_z + 1));
+  if (options.land_mm > 0) shape = combined<BRepAlgoAPI_Fuse>(shape, prism(with_land(*options.outline, options.land_mm), 0, options.land_z_mm));
+  // A boolean's result is a compound of one solid.
+  TopExp_Explorer solids(shape, TopAbs_SOLID);
+  if (!solids.More()) throw NumericalError("lens solid: nothing is left within the outline");
+  return solids.Current();
+}
+
+/// Integral of the surface's height within the outline: exact along x, rows of even distance in y.
+double volume_within(const SplineSurface& surface, const Outline& outline) {
+  constexpr int kRows = 4000;
+  constexpr double kGauss[3] = {0.5 - 0.3872983346207417, 0.5, 0.5 + 0.3872983346207417};
+  constexpr double kWeight[3] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+  const std::vector<Vec2> places = outline_places(outline, 0.05);
+  Box2 box;
+  for (const Vec2& p : places) box.include(p);
+  const double dy = box.size().y() / kRows;
+  const double span = surface.span_mm().x();
+  double volume = 0;
+  for (int row = 0; row < kRows; ++row) {
+    const double y = box.min.y() + (row + 0.5) * dy;
+    std::vector<double> crossings;
+    if (outline.shape == Outline::Shape::kDisk) {
+      const double radius = outline.size_mm.x() / 2;
+      const double half = std::sqrt(std::max(0.0, radius * radius - y * y));
+      crossings = {-half, half};
+    } else {
+      for (std::size_t k = 0; k < places.size(); ++k) {
+        const Vec2& a = places[k];
+        const Vec2& b = places[(k + 1) % places.size()];
+        if ((a.y() > y) != (b.y() > y)) crossings.push_back(a.x() + (y - a.y()) / (b.y() - a.y()) * (b.x() - a.x()));
+      }
+      std::sort(crossings.begin(), crossings.end());
+    }
+    for (std::size_t c = 0; c + 1 < crossings.size(); c += 2) {
+      double x = crossings[c];
+      while (x < crossings[c + 1]) {
+        const double knot = surface.extent().min.x() + span * (std::floor((x - surface.extent().min.x()) / span + 1e-9) + 1);
+        const double next = std::min(knot, crossings[c + 1]);
+        for (int g = 0; g < 3; ++g) volume += dy * (next - x) * kWeight[g] * surface.height(x + kGauss[g] * (next - x), y);
+        x = next;
+      }
+    }
+  }
+  return volume;
+}
+
+void write_step(const std::filesystem::path& path, const TopoDS_Shape& shape, const SolidOptions& options) {
   STEPControl_Writer writer;
   if (writer.Transfer(shape, STEPControl_AsIs) != IFSelect_RetDone) {
     throw NumericalError("STEP: OpenCASCADE cannot transfer the solid");
   }
+  const auto text = [](const std::string& words) { return new TCollection_HAsciiString(words.c_str()); };
   // Not by the setting write.step.product.name: that one counts the products of the process into the name.
-  const Handle(TCollection_HAsciiString) name = new TCollection_HAsciiString(product_name.c_str());
+  const Handle(TCollection_HAsciiString) name = text(options.product_name);
   const Handle(Interface_InterfaceModel) model = writer.WS()->Model();
   for (int e = 1; e <= model->NbEntities(); ++e) {
     const Handle(StepBasic_Product) product = Handle(StepBasic_Product)::DownCast(model->Value(e));
     if (product.IsNull()) continue;
     product->SetId(name);
     product->SetName(name);
+    if (!options.material.empty()) product->SetDescription(text("material: " + options.material));
   }
   APIHeaderSection_MakeHeader header(Handle(StepData_StepModel)::DownCast(model));
   header.SetName(name);
-  header.SetOriginatingSystem(new TCollection_HAsciiString("lightmill"));
+  if (!options.author.empty()) header.SetAuthorValue(1, text(options.author));
+  header.SetOriginatingSystem(text("lightmill"));
   if (writer.Write(path.c_str()) != IFSelect_RetDone) throw IoError("cannot write STEP file " + path.string());
 }
 
@@ -385,6 +520,54 @@ double volume_mm3(const TopoDS_Shape& shape) {
   GProp_GProps properties;
   BRepGProp::VolumeProperties(shape, properties, 1e-8, true);
   return properties.Mass();
+}
+
+/// Volume between z = 0 and the faces that look up, walls being upright: OpenCASCADE's own integral is off by a per cent on
+/// walls through many places. Over a B-spline face, whose parameters are x and y, by Green's theorem: the integral of z
+/// along x, exact on every span, around its wires.
+double volume_under_mm3(const TopoDS_Shape& shape) {
+  constexpr double kGauss[3] = {0.5 - 0.3872983346207415, 0.5, 0.5 + 0.3872983346207415};
+  constexpr double kWeight[3] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+  constexpr int kPiecesPerEdge = 200;  // at least; a tile's border has 80 spans
+  double volume = 0;
+  for (TopExp_Explorer faces(shape, TopAbs_FACE); faces.More(); faces.Next()) {
+    const TopoDS_Face face = TopoDS::Face(faces.Current());
+    const BRepAdaptor_Surface surface(face, false);
+    if (surface.GetType() == GeomAbs_Plane) {
+      const double up = surface.Plane().Axis().Direction().Z() * (face.Orientation() == TopAbs_REVERSED ? -1 : 1);
+      if (std::abs(up) < 0.5) continue;
+      GProp_GProps area;
+      BRepGProp::SurfaceProperties(face, area, 1e-9);
+      volume += up * area.Mass() * surface.Plane().Location().Z();
+    }
+    if (surface.GetType() != GeomAbs_BSplineSurface) continue;
+    TColStd_Array1OfReal knots(1, surface.NbUKnots());
+    surface.BSpline()->UKnots(knots);
+    const auto along_x = [&](double u, double v) {
+      double sum = 0;
+      for (int k = 1; k < knots.Upper() && knots(k) < u; ++k) {
+        const double length = std::min(knots(k + 1), u) - knots(k);
+        for (int g = 0; g < 3; ++g) sum += length * kWeight[g] * surface.Value(knots(k) + kGauss[g] * length, v).Z();
+      }
+      return sum;
+    };
+    for (TopExp_Explorer edges(face.Oriented(TopAbs_FORWARD), TopAbs_EDGE); edges.More(); edges.Next()) {
+      const TopoDS_Edge edge = TopoDS::Edge(edges.Current());
+      const BRepAdaptor_Curve2d curve(edge, face);
+      const double first = curve.FirstParameter();
+      const double step = (curve.LastParameter() - first) / kPiecesPerEdge;
+      const double sign = edge.Orientation() == TopAbs_REVERSED ? -1 : 1;
+      for (int k = 0; k < kPiecesPerEdge; ++k) {
+        for (int g = 0; g < 3; ++g) {
+          gp_Pnt2d at;
+          gp_Vec2d speed;
+          curve.D1(first + (k + kGauss[g]) * step, at, speed);
+          if (speed.Y() != 0) volume += sign * step * kWeight[g] * speed.Y() * along_x(at.X(), at.Y());
+        }
+      }
+    }
+  }
+  return volume;
 }
 
 /// Largest distance along z of the B-spline faces from the spline, at points inside spans and on knots.
@@ -421,22 +604,43 @@ void with_cascade_errors(F body) {
 }  // namespace
 
 SolidSummary write_lens_step(const std::filesystem::path& path, const SplineSurface& surface,
-                             const std::string& product_name, const Monitor& monitor) {
+                             const SolidOptions& options, const Monitor& monitor) {
   const auto start = std::chrono::steady_clock::now();
   SolidSummary summary;
-  summary.spline_volume_mm3 = surface.volume_mm3();
   const double lowest = surface.lowest();
   if (!(lowest > 0)) {
     throw InputError("lens solid: the optical surface comes down to z = " + std::to_string(lowest) +
                      " mm, through the flat back in z = 0: make lens.thickness_mm larger");
   }
-  const ExchangeSession session;
+  summary.expected_volume_mm3 = options.outline ? volume_within(surface, *options.outline) : surface.volume_mm3();
+  if (options.land_mm > 0) {
+    if (!options.outline) throw InputError("lens solid: a land needs an outline");
+    for (const Vec2& p : outline_places(*options.outline, 0.2)) {
+      if (!(options.land_z_mm > 0 && options.land_z_mm < surface.height(p.x(), p.y()))) {
+        throw InputError("lens solid: the land in z = " + std::to_string(options.land_z_mm) +
+                         " mm must lie above the back and below the whole border of the optical surface");
+      }
+    }
+    summary.expected_volume_mm3 += options.land_z_mm * (with_land(*options.outline, options.land_mm).area_mm2() - options.outline->area_mm2());
+  }
+  const ExchangeSession session(options.schema);
   with_cascade_errors([&] {
     monitor.report("building the solid", 0);
-    const TopoDS_Solid solid = LensBuilder(surface).build();
+    TopoDS_Shape solid = LensBuilder(surface).build();
+    double volume_tolerance = kVolumeTolerance * summary.expected_volume_mm3;
+    if (options.outline) {
+      solid = trimmed(solid, options, surface.highest());
+      // The walls are curves through the outline's places; along them the surface is anywhere between lowest and highest.
+      const double beside = area_beside_chords_mm2(*options.outline);
+      summary.expected_volume_mm3 += beside * (lowest + surface.highest()) / 2;
+      volume_tolerance = kTrimmedVolumeTolerance * summary.expected_volume_mm3 + std::abs(beside) * (surface.highest() - lowest);
+      if (options.land_mm > 0) {
+        summary.expected_volume_mm3 += options.land_z_mm * (area_beside_chords_mm2(with_land(*options.outline, options.land_mm)) - beside);
+      }
+    }
     write_whole(path, [&](const std::filesystem::path& temporary) {
       monitor.report("writing STEP", 0.1);
-      write_step(temporary, solid, product_name);
+      write_step(temporary, solid, options);
       summary.file_bytes = std::filesystem::file_size(temporary);
 
       // Everything is judged by what another reader will find in the file.
@@ -448,13 +652,13 @@ SolidSummary write_lens_step(const std::filesystem::path& path, const SplineSurf
       summary.valid = BRepCheck_Analyzer(read).IsValid() && count_shapes(read, TopAbs_SOLID) == 1 &&
                       count_shapes(read, TopAbs_SHELL) == 1 && summary.free_edges == 0;
       monitor.check();
-      summary.volume_mm3 = volume_mm3(read);
+      summary.volume_mm3 = options.outline ? volume_under_mm3(read) : volume_mm3(read);
       monitor.check();
       summary.max_deviation_um = deviation_um(read, surface);
       if (!summary.valid) throw NumericalError("lens solid: OpenCASCADE calls the solid read back invalid or open");
-      if (std::abs(summary.volume_mm3 - summary.spline_volume_mm3) > kVolumeTolerance * summary.spline_volume_mm3) {
+      if (std::abs(summary.volume_mm3 - summary.expected_volume_mm3) > volume_tolerance) {
         throw NumericalError("lens solid: the volume read back is " + std::to_string(summary.volume_mm3) +
-                             " mm^3, the spline's is " + std::to_string(summary.spline_volume_mm3));
+                             " mm^3, the spline's own integral is " + std::to_string(summary.expected_volume_mm3));
       }
       if (summary.max_deviation_um > kDeviationToleranceUm) {
         throw NumericalError("lens solid: faces read back are off by " + std::to_string(summary.max_deviation_um) +
@@ -471,12 +675,12 @@ void write_blank_step(const std::filesystem::path& path, const Blank& blank) {
   if (!(blank.size_mm.x() > 0 && blank.size_mm.y() > 0 && blank.height_mm > 0)) {
     throw InputError("blank: sizes must be above 0");
   }
-  const ExchangeSession session;
+  const ExchangeSession session(StepSchema::kAp242);
   with_cascade_errors([&] {
     const gp_Pnt corner(-blank.size_mm.x() / 2, -blank.size_mm.y() / 2, 0);
     const TopoDS_Shape box = BRepPrimAPI_MakeBox(corner, blank.size_mm.x(), blank.size_mm.y(), blank.height_mm).Solid();
     write_whole(path, [&](const std::filesystem::path& temporary) {
-      write_step(temporary, box, "blank");
+      write_step(temporary, box, {.product_name = "blank"});
       const TopoDS_Shape read = read_step(temporary);
       if (!BRepCheck_Analyzer(read).IsValid() || count_free_edges(read) != 0) {
         throw NumericalError("blank: OpenCASCADE calls the solid read back invalid");

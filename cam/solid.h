@@ -2,30 +2,44 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "cam/blank.h"
+#include "cam/outline.h"
 #include "cam/spline_surface.h"
 #include "design/core/monitor.h"
 
 namespace lightmill {
 
+enum class StepSchema { kAp242, kAp214 };
+
+struct SolidOptions {
+  std::string product_name = "lens";
+  std::string author = {};
+  std::string material = {};                ///< into the product's description
+  StepSchema schema = StepSchema::kAp242;
+  std::optional<Outline> outline = {};      ///< empty: all of the surface's rectangle
+  double land_mm = 0;                       ///< width of a flat land around the outline; 0: none
+  double land_z_mm = 0;
+};
+
 struct SolidSummary {
   bool valid = false;  ///< BRepCheck, closed, no free edge; after reading the file back
   int faces = 0;
   int free_edges = 0;
-  double volume_mm3 = 0;         ///< of the solid read back, integrated with a tight epsilon
-  double spline_volume_mm3 = 0;  ///< the B-spline's own integral
-  double max_deviation_um = 0;   ///< of the faces read back from the spline
+  double volume_mm3 = 0;           ///< of the solid read back, integrated with a tight epsilon
+  double expected_volume_mm3 = 0;  ///< the B-spline's own integral within the outline, and the land
+  double max_deviation_um = 0;     ///< of the faces read back from the spline
   std::uintmax_t file_bytes = 0;
   double seconds = 0;
 };
 
-/// Flat back in z = 0, four walls, and a top of B-spline tiles of about 80 spans that share exact edges. AP214/AP242,
-/// mm. Written whole or not at all, read back and checked. Throws NumericalError if OpenCASCADE calls the result
-/// invalid.
+/// Flat back in z = 0, walls along the outline, and a top of B-spline tiles of about 80 spans that share exact edges,
+/// trimmed by the outline. mm. Written whole or not at all, read back and checked. Throws InputError when the optical
+/// surface comes down to the back or the land does not lie below it, NumericalError if OpenCASCADE calls the result invalid.
 SolidSummary write_lens_step(const std::filesystem::path& path, const SplineSurface& surface,
-                             const std::string& product_name, const Monitor& monitor = {});
+                             const SolidOptions& options = {}, const Monitor& monitor = {});
 
 void write_blank_step(const std::filesystem::path& path, const Blank& blank);
 

@@ -2,9 +2,12 @@
 #include <cmath>
 
 #include "cam/finishing.h"
+#include "cam/outline.h"
+#include "cam/profile.h"
 #include "cam/reachable.h"
 #include "cam/roughing.h"
 #include "cam/solid.h"
+#include "cli/job_light.h"
 #include "cli/pictures.h"
 #include "cli/spline_file.h"
 #include "cli/stage_runs.h"
@@ -18,10 +21,11 @@ using nlohmann::json;
 
 namespace {
 
-/// The blank's height: as given, or what the highest point of the lens and the allowance ask for, up to the next 0.1 mm.
+/// The blank: the part and its margin; as high as given, or as the highest point of the lens and the allowance ask for, up
+/// to the next 0.1 mm.
 Blank blank_of(const Job& job, const SplineSurface& surface) {
   Blank blank;
-  blank.size_mm = job.lens.size_mm;
+  blank.size_mm = job.lens.size_mm + Vec2::Constant(2 * (job.land.width_mm + blank_margin_mm(job)));
   const double highest = surface.highest();
   const auto tenths_up = [](double mm) { return std::ceil(mm * 10 - 1e-6) / 10; };
   if (!job.stock.height_mm) {
@@ -52,28 +56,50 @@ json to_json(const ToolPath& path, double rapid_mm_per_s) {
 }  // namespace
 
 StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& monitor) {
-  if (job.lens.shape != Lens::Shape::kRectangle) {
-    throw InputError("lens.shape = \"disk\" or \"outline\" can be designed, but not milled yet; use a rectangle, or stop with --until design");
-  }
+  const Outline outline = outline_of(scene_of(job).lens);
+  const bool cut_out = is_cut_out(job);
   const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
   const Box2 extent = Box2::centred(job.lens.size_mm);
   const SplineFit fit = fit_spline(mesh, extent, monitor.part(0, 0.1));
-  const SplineSurface& surface = fit.surface;
+  const SplineSurface surface = faded_outside(fit.surface, outline);
   const Blank blank = blank_of(job, surface);
   write_spline(folder.file("cam/spline.bin"), surface);
 
-  const SolidSummary solid = write_lens_step(folder.file("cam/lens.step"), surface, job.name, monitor.part(0.1, 0.3));
+  SolidOptions solid_options;
+  solid_options.product_name = job.name;
+  solid_options.author = job.author;
+  solid_options.material = job.stock.material;
+  solid_options.schema = job.step_schema;
+  if (outline.shape != Outline::Shape::kRectangle || job.land.width_mm > 0) solid_options.outline = outline;
+  solid_options.land_mm = job.land.width_mm;
+  if (job.land.width_mm > 0) {
+    double lowest = std::numeric_limits<double>::infinity();
+    for (const Vec2& p : outline_places(outline, 0.1)) lowest = std::min(lowest, surface.height(p.x(), p.y()));
+    solid_options.land_z_mm = lowest - job.land.drop_mm;
+  }
+  const SolidSummary solid = write_lens_step(folder.file("cam/lens.step"), surface, solid_options, monitor.part(0.1, 0.3));
   write_blank_step(folder.file("cam/stock.step"), blank);
 
+  // A rectangle as large as its blank is finished from beside it to beside it.
+  FinishOptions semi_finish = job.semi_finish.options;
+  FinishOptions finish = job.finish.options;
+  if (solid_options.outline || (blank.size_mm - job.lens.size_mm).maxCoeff() > 0) semi_finish.outline = finish.outline = outline;
   std::vector<ToolPath> passes;
   passes.push_back(plan_roughing(surface, blank, job.rough.cutter, job.rough.options, monitor.part(0.3, 0.45)));
-  passes.push_back(plan_finishing(surface, blank, job.semi_finish.cutter, job.semi_finish.options, monitor.part(0.45, 0.6)));
-  passes.push_back(plan_finishing(surface, blank, job.finish.cutter, job.finish.options, monitor.part(0.6, 0.85)));
+  passes.push_back(plan_finishing(surface, blank, job.semi_finish.cutter, semi_finish, monitor.part(0.45, 0.6)));
+  passes.push_back(plan_finishing(surface, blank, job.finish.cutter, finish, monitor.part(0.6, 0.85)));
+  if (cut_out) {
+    ProfileOptions profile = job.profile.options;
+    profile.land_mm = job.land.width_mm;
+    profile.land_z_mm = solid_options.land_z_mm;
+    passes.push_back(plan_profile(surface, blank, outline, job.rough.cutter, profile, monitor.part(0.85, 0.86)));
+  }
   write_toolpaths(folder.file("cam/toolpaths.bin"), passes);
 
   // Half a finishing stepover sees every fillet that matters; a tenth of a mm bounds the work.
   const double pitch = std::clamp(extent.size().maxCoeff() / 1000, 0.05, 0.1);
-  const ReachableSurface reachable = reachable_surface(surface, job.finish.cutter.radius_mm(), pitch, monitor.part(0.85, 0.95));
+  const ReachableSurface reachable =
+      within(reachable_surface(surface, job.finish.cutter.radius_mm(), pitch, monitor.part(0.86, 0.95)), outline);
 
   monitor.report("pictures", 0.95);
   constexpr int kHeightPixels = 800;
@@ -92,7 +118,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   }
   cam["solid"] = {{"valid", solid.valid},
                   {"volume_mm3", solid.volume_mm3},
-                  {"spline_volume_mm3", solid.spline_volume_mm3},
+                  {"spline_volume_mm3", solid.expected_volume_mm3},
                   {"faces", solid.faces},
                   {"free_edges", solid.free_edges},
                   {"file_bytes", solid.file_bytes},
@@ -107,7 +133,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
                   {"highest_mm", surface.highest()},
                   {"lowest_mm", surface.lowest()}};
   cam["reachable"] = {{"unreachable_area_mm2", reachable.unreachable_area_mm2},
-                      {"unreachable_share", reachable.unreachable_area_mm2 / (extent.size().x() * extent.size().y())},
+                      {"unreachable_share", reachable.unreachable_area_mm2 / outline.area_mm2()},
                       {"threshold_um", reachable.threshold_um},
                       {"max_residue_um", reachable.max_residue_um},
                       {"ball_radius_mm", job.finish.cutter.radius_mm()}};

@@ -2,6 +2,7 @@
 #include <chrono>
 #include <map>
 
+#include "cam/outline_region.h"
 #include "cli/digest.h"
 #include "cli/job_light.h"
 #include "cli/pictures.h"
@@ -10,6 +11,7 @@
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
+#include "design/core/parallel.h"
 #include "design/core/text.h"
 #include "machine/dry_run.h"
 #include "postproc/kinematics.h"
@@ -54,6 +56,20 @@ Fault surface_fault(const std::string& kind, const std::string& message, const V
   return fault;
 }
 
+/// Outside the outline the designed surface, so that the polish's low-pass does not draw the slot around the part into its
+/// rim.
+void go_on_outside(Grid<float>& heights, const MachinedSurface& machined, const SplineSurface& design, const Outline& outline) {
+  const OutlineRegion part(outline, -0.02);
+  parallel_blocks(heights.height, 16, [&](std::size_t begin, std::size_t end) {
+    for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
+      for (int i = 0; i < heights.width; ++i) {
+        const Vec2 p = machined.extent.min + machined.pitch_mm * Vec2(i, j);
+        if (!part.contains(p)) heights.at(i, j) = static_cast<float>(design.height(p.x(), p.y()));
+      }
+    }
+  });
+}
+
 }  // namespace
 
 StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& monitor, const ShopOverrides& overrides) {
@@ -70,7 +86,7 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   shop.cutter_files = overrides.cutter_files.empty()
                           ? std::vector{job.rough.cutter_file, job.semi_finish.cutter_file, job.finish.cutter_file}
                           : overrides.cutter_files;
-  shop.blank.size_mm = job.lens.size_mm;
+  shop.blank.size_mm = Vec2(cam["blank"]["size_mm"][0].get<double>(), cam["blank"]["size_mm"][1].get<double>());
   shop.blank.height_mm = cam["blank"]["height_mm"];
   shop.work_offset = overrides.work_offset.value_or(job.machine.work_offset);
   shop.workpiece_origin_mm = work_on_table(read_machine(job.machine.file), overrides.workpiece_origin_mm.value_or(job.machine.workpiece_origin_mm),
@@ -90,6 +106,10 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   DeviationOptions deviation_options;
   deviation_options.finishing_ball_radius_mm = job.finish.cutter.radius_mm();
   deviation_options.gouge_tolerance_um = job.dry_run.gouge_tolerance_um;
+  Scene scene = scene_of(job);
+  const Outline outline = outline_of(scene.lens);
+  const bool beside_lens = outline.shape != Outline::Shape::kRectangle || (shop.blank.size_mm - job.lens.size_mm).maxCoeff() > 0;
+  if (beside_lens) deviation_options.outline = outline;
   const Deviation deviation = measure_deviation(machined, design, deviation_options, monitor.part(0.8, 0.88));
   if (deviation.max_gouge_um > job.dry_run.gouge_tolerance_um) {
     faults.push_back(surface_fault("gouge", "cut " + fixed(deviation.max_gouge_um, 2) + " um below the reachable surface at " +
@@ -107,7 +127,10 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   // Light through the machined surface, raw and polished.
   const TargetLight target = target_of(job);
   const double white = display_white(target);
-  const Scene scene = scene_of(job);
+  if (beside_lens && scene.lens.shape == Lens::Shape::kRectangle) {
+    scene.lens.shape = Lens::Shape::kOutline;
+    scene.lens.outline_mm = {outline_places(outline, job.lens.size_mm.maxCoeff())};
+  }
   CausticOptions options;
   options.angular_diameter_rad = job.light.angular_diameter_rad;
   const auto cast = [&](const Grid<float>& heights, const char* picture, const Monitor& part) {
@@ -118,7 +141,9 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   StageResult result;
   json& report = result.report["dry_run"];
   report["caustic"]["raw"] = cast(machined.heights_mm, "dry_run/caustic_machined_raw.png", monitor.part(0.88, 0.93));
-  report["caustic"]["polished"] = cast(polish(machined.heights_mm, machined.pitch_mm, job.dry_run.polish_sigma_um),
+  Grid<float> heights = machined.heights_mm;
+  if (beside_lens) go_on_outside(heights, machined, design, outline);
+  report["caustic"]["polished"] = cast(polish(heights, machined.pitch_mm, job.dry_run.polish_sigma_um),
                                        "dry_run/caustic_machined.png", monitor.part(0.93, 1));
 
   json list = json::array();

@@ -21,8 +21,8 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kDegree = kPi / 180;
 
 /// The keys in the order in which people think of a job.
-constexpr std::array kSections = {"job",    "target", "lens",        "light",  "receiver", "transport",  "surface", "stock",
-                                  "rough",  "semi_finish", "finish", "machine", "controller", "dry_run", "stream"};
+constexpr std::array kSections = {"job",   "target",      "lens",   "light",   "receiver", "transport",  "surface", "solid", "stock",
+                                  "rough", "semi_finish", "finish", "profile", "machine",  "controller", "dry_run", "stream"};
 
 /// In the order of their enumerations.
 const std::vector<std::string_view> kBases{"flat", "sphere", "cylinder", "image", "mesh"};
@@ -99,6 +99,8 @@ void read_lens(TomlTable table, const fs::path& folder, Job& job) {
   if (lens.shape == Lens::Shape::kDisk && lens.size_mm.x() != lens.size_mm.y()) {
     throw InputError(table.complaint("size_mm", "must be the diameter twice for shape = \"disk\""));
   }
+  job.land.width_mm = table.number_in("land_mm", job.land.width_mm, 0, 1000);
+  job.land.drop_mm = table.number_in("land_drop_mm", job.land.drop_mm, 0.05, 1000);
   lens.thickness_mm = positive(table, "thickness_mm", lens.thickness_mm, 1000);
   lens.refractive_index = table.number_in("refractive_index", lens.refractive_index, 1.05, 4);
   const std::string base = table.choice("base", "flat", kBases);
@@ -188,6 +190,11 @@ void read_stock(TomlTable table, Job& job) {
     stock.height_mm = positive(table, "height_mm", 0, 1000);
   }
   stock.allowance_mm = table.number_in("allowance_mm", stock.allowance_mm, 0, 100);
+  if (table.is_text("margin_mm")) {
+    table.choice("margin_mm", "auto", {"auto"});
+  } else if (table.has("margin_mm")) {
+    stock.margin_mm = table.number_in("margin_mm", 0, 0, 1000);
+  }
   stock.material = table.text("material", stock.material);
   stock.work_holding = table.text("work_holding", stock.work_holding);
 }
@@ -233,6 +240,26 @@ void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fal
   o.longest_segment_mm = positive(table, "longest_segment_mm", o.longest_segment_mm, 100);
   o.link_feed_mm_per_s = positive(table, "link_feed_mm_per_min", o.link_feed_mm_per_s * 60, 1e5) / 60;
   o.clearance_mm = positive(table, "clearance_mm", o.clearance_mm, 500);
+}
+
+void read_profile(TomlTable table, Job& job) {
+  if (table.is_text("cut")) {
+    table.choice("cut", "auto", {"auto"});
+  } else if (table.has("cut")) {
+    job.profile.cut = table.boolean("cut", true);
+  }
+  ProfileOptions& o = job.profile.options;
+  o.tabs = table.integer_in("tabs", o.tabs, 0, 100);
+  o.tab_width_mm = positive(table, "tab_width_mm", o.tab_width_mm, 100);
+  o.tab_height_mm = positive(table, "tab_height_mm", o.tab_height_mm, 100);
+  o.skin_mm = table.number_in("skin_mm", o.skin_mm, 0, 10);
+  if (o.tabs > 0 && o.tab_height_mm <= o.skin_mm) throw InputError(table.complaint("tab_height_mm", "must be above skin_mm"));
+  o.stepdown_mm = job.rough.options.stepdown_mm;
+  o.link_feed_mm_per_s = job.rough.options.link_feed_mm_per_s;
+  o.clearance_mm = job.rough.options.clearance_mm;
+  if (job.land.width_mm > 0 && !is_cut_out(job)) {
+    throw InputError(table.complaint("cut", "must be true for a lens with a land (lens.land_mm): the same pass mills it"));
+  }
 }
 
 void read_machine_section(TomlTable table, const fs::path& folder, Job& job) {
@@ -283,6 +310,7 @@ void read_stream(TomlTable table, Job& job) {
 Job read_table(TomlTable root, const fs::path& folder, Job job) {
   TomlTable general = root.table("job");
   job.name = general.text("name", job.name);
+  job.author = general.text("author", job.author);
   const fs::path cutters = fixtures_folder() / "cutters";
   job.semi_finish.options.pass = "semi_finish";
   job.semi_finish.options.cusp_um = 10;
@@ -298,6 +326,8 @@ Job read_table(TomlTable root, const fs::path& folder, Job job) {
   read_rough(root.table("rough"), folder, job);
   read_ball_pass(root.table("semi_finish"), folder, cutters / "semi_finish_4mm_ball.toml", job.semi_finish);
   read_ball_pass(root.table("finish"), folder, cutters / "finish_4mm_ball.toml", job.finish);
+  read_profile(root.table("profile"), job);
+  job.step_schema = root.table("solid").choice("step", "ap242", {"ap242", "ap214"}) == "ap214" ? StepSchema::kAp214 : StepSchema::kAp242;
   read_machine_section(root.table("machine"), folder, job);
   read_controller(root.table("controller"), job);
   read_dry_run(root.table("dry_run"), job);
@@ -392,6 +422,15 @@ fs::path fixtures_folder() {
   return chosen && *chosen ? fs::absolute(chosen) : fs::path(LIGHTMILL_FIXTURES);
 }
 
+bool is_cut_out(const Job& job) {
+  return job.profile.cut.value_or(job.lens.shape != Lens::Shape::kRectangle || job.land.width_mm > 0);
+}
+
+double blank_margin_mm(const Job& job) {
+  constexpr double kOutsideMillMm = 2;  // of material that stays around the slot
+  return job.stock.margin_mm.value_or(is_cut_out(job) ? job.rough.cutter.diameter_mm + kOutsideMillMm : 0);
+}
+
 Job read_job_text(std::string_view toml, const std::string& name, const fs::path& folder) {
   Job job;
   job.name = fs::path(name).stem().string();
@@ -411,7 +450,7 @@ Job read_job(const fs::path& job_or_picture) {
 
 std::map<std::string, std::string> resolved_sections(const Job& job) {
   std::map<std::string, std::string> sections;
-  sections["job"] = Section().put("name", job.name);
+  sections["job"] = Section().put("name", job.name).put("author", job.author);
   Section target;
   if (!job.target.image.empty()) target.put("image", job.target.image);
   if (!job.target.colours.empty()) target.put("colours", job.target.colours);
@@ -439,6 +478,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   if (base.kind == Base::Kind::kCylinder) lens.put("base_axis_deg", base.axis_rad / kDegree);
   if (!files.base.empty()) lens.put("base_file", files.base);
   if (base.kind == Base::Kind::kImage) lens.put("base_scale_mm", files.base_scale_mm);
+  lens.put("land_mm", job.land.width_mm).put("land_drop_mm", job.land.drop_mm);
   sections["lens"] = lens;
   const Light& beam = job.light.beam;
   Section light;
@@ -481,6 +521,11 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   } else {
     stock.put("height_mm", "auto");
   }
+  if (job.stock.margin_mm) {
+    stock.put("margin_mm", *job.stock.margin_mm);
+  } else {
+    stock.put("margin_mm", "auto");
+  }
   sections["stock"] = stock.put("allowance_mm", job.stock.allowance_mm)
                           .put("material", job.stock.material)
                           .put("work_holding", job.stock.work_holding);
@@ -497,6 +542,16 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                           .put("clearance_mm", r.clearance_mm);
   sections["semi_finish"] = ball_section(job.semi_finish);
   sections["finish"] = ball_section(job.finish);
+  const ProfileOptions& p = job.profile.options;
+  Section profile;
+  if (job.profile.cut) {
+    profile.put("cut", *job.profile.cut);
+  } else {
+    profile.put("cut", "auto");
+  }
+  sections["profile"] =
+      profile.put("tabs", p.tabs).put("tab_width_mm", p.tab_width_mm).put("tab_height_mm", p.tab_height_mm).put("skin_mm", p.skin_mm);
+  sections["solid"] = Section().put("step", job.step_schema == StepSchema::kAp214 ? "ap214" : "ap242");
   sections["machine"] = Section()
                             .put("file", job.machine.file)
                             .put("workpiece_origin_mm", job.machine.workpiece_origin_mm)

@@ -9,7 +9,9 @@
 
 #include "cam/cutter.h"
 #include "cam/finishing.h"
+#include "cam/profile.h"
 #include "cam/roughing.h"
+#include "cam/solid.h"
 #include "design/light.h"
 #include "design/optics.h"
 #include "design/surface.h"
@@ -38,6 +40,7 @@ struct LightSpec {
 struct StockSpec {
   std::optional<double> height_mm;      ///< empty: "auto", what thickness, relief and allowance ask for
   double allowance_mm = 0.5;            ///< material above the highest point of the lens, for "auto"
+  std::optional<double> margin_mm;      ///< beside the part; empty: "auto", room for the mill where the part is cut out
   std::string material = "PMMA, cast, annealed";
   std::string work_holding = "flat back on a vacuum plate or double-sided tape; all four sides and the top free";
 };
@@ -52,6 +55,18 @@ struct BallPass {
   std::filesystem::path cutter_file;
   Cutter cutter;
   FinishOptions options;
+};
+
+/// A flat land around the optical surface, the part's rim.
+struct LandSpec {
+  double width_mm = 0;                  ///< 0: none
+  double drop_mm = 1;                   ///< below the lowest place of the optical surface's border
+};
+
+/// Cutting the part out of its blank, by the roughing mill.
+struct ProfilePass {
+  std::optional<bool> cut;              ///< empty: "auto", all but plain rectangles
+  ProfileOptions options;
 };
 
 struct MachineSpec {
@@ -85,6 +100,7 @@ struct StreamSpec {
 
 struct Job {
   std::string name;                     ///< of the part, for programs and pages
+  std::string author;                   ///< for the solid
   TargetSpec target;
   Lens lens;
   LightSpec light;
@@ -96,11 +112,19 @@ struct Job {
   RoughPass rough;
   BallPass semi_finish;
   BallPass finish;
+  LandSpec land;
+  ProfilePass profile;
+  StepSchema step_schema = StepSchema::kAp242;
   MachineSpec machine;
   ControllerSpec controller;
   DryRunSpec dry_run;
   StreamSpec stream;
 };
+
+/// Whether the part is cut out of its blank.
+bool is_cut_out(const Job& job);
+/// How much the blank is larger than the part on every side.
+double blank_margin_mm(const Job& job);
 
 /// Reads a job file, or makes the default job of a picture (.png, .svg, .tif, .exr, ...). Relative paths in a job are
 /// relative to the job file. Throws InputError naming file, line, key, value and rule.

@@ -232,7 +232,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   for (const char* pass : kPassNames) {
     const std::string at = std::string("/cam/") + pass;
     html += picture(folder, std::string("cam/toolpaths_") + pass + ".png",
-                    pass == std::string("rough") ? "Rough" : pass == std::string("semi_finish") ? "Semi-finish" : "Finish",
+                    pass == std::string("rough") ? "Rough" : pass == std::string("semi_finish") ? "Semi-finish" : pass == std::string("finish") ? "Finish" : "Cut out",
                     number_at(report, (at + "/minutes").c_str(), 1) + " min, " + fixed(std::strtod(number_at(report, (at + "/length_mm").c_str(), 1).c_str(), nullptr) / 1000, 1) +
                         " m, stepover " + number_at(report, (at + "/stepover_mm").c_str(), 3) + " mm; where passes lie close only some are drawn");
   }

@@ -47,7 +47,8 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
   const WorkSetup setup = work_on_table(machine, job.machine.workpiece_origin_mm, job.machine.work_offset);
   const std::string offset = "G" + std::to_string(setup.work_offset);
   const double height = report.contains("/cam/blank/height_mm"_json_pointer) ? report.at("/cam/blank/height_mm"_json_pointer).get<double>() : 0;
-  const std::string size = compact(job.lens.size_mm.x(), 3) + " &times; " + compact(job.lens.size_mm.y(), 3) + " &times; " + fixed(height, 1) + " mm";
+  const Vec2 blank = job.lens.size_mm + Vec2::Constant(2 * (job.land.width_mm + blank_margin_mm(job)));
+  const std::string size = compact(blank.x(), 3) + " &times; " + compact(blank.y(), 3) + " &times; " + fixed(height, 1) + " mm";
 
   std::string html = "<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>" + escaped(job.name) +
                      " - setup sheet</title>\n<style>" + kStyle + "</style></head><body>\n<header><div><h1>Setup sheet: " + escaped(job.name) +
@@ -65,7 +66,7 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
 
   html += "<div class=two><div><h2>Blank</h2>\n<table>\n" + row("size", "<span class=big>" + size + "</span>") + row("material", escaped(job.stock.material)) +
           row("work holding", escaped(job.stock.work_holding)) +
-          row("stands", "flat back down; X along the " + compact(job.lens.size_mm.x(), 3) + " mm side") + "</table></div>\n";
+          row("stands", "flat back down; X along the " + compact(blank.x(), 3) + " mm side") + "</table></div>\n";
   html += "<div><h2>Zero point " + offset + "</h2>\n<table>\n" + row("where", "centre of the blank's <b>underside</b>") +
           row("X", "<span class=big>" + fixed(setup.origin_mm.x(), 3) + "</span> mm machine") +
           row("Y", "<span class=big>" + fixed(setup.origin_mm.y(), 3) + "</span> mm machine") +
@@ -89,6 +90,7 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
   tool(job.rough.cutter, "rough");
   tool(job.semi_finish.cutter, "semi-finish");
   tool(job.finish.cutter, "finish");
+  if (is_cut_out(job)) tool(job.rough.cutter, "cut out (profile)");
   html += "</table>\n<p class=note>Gauge length: spindle nose to tip, as entered in the tool table. Cutting data is untested on the machine; start with the feed override low.</p>\n";
 
   html += "<h2>Programs</h2>\n<table><tr><th>file</th><th>blocks</th><th>planned time</th><th>SHA-256</th></tr>\n";
@@ -118,7 +120,7 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
         std::string("Air on; no alcohol-based cleaner near PMMA"),
         std::string("Digest of the files on the controller or sender equals the one above (sha256sum)"),
         std::string("First program above the part in single block, feed override low"),
-        "Programs in the order 10, 20, 30; stream with: <code>lightmill stream " + escaped(folder.root().string()) +
+        std::string(is_cut_out(job) ? "Programs in the order 10, 20, 30, 40" : "Programs in the order 10, 20, 30") + "; stream with: <code>lightmill stream " + escaped(folder.root().string()) +
             " --port /dev/ttyUSB0</code>",
         std::string("After finishing: polish by hand along the passes, stop as soon as the picture is sharp")}) {
     html += "<li>" + item + "</li>\n";

@@ -11,8 +11,11 @@
 #include <set>
 #include <thread>
 
+#include "cam/outline_region.h"
+#include "cam/outline.h"
 #include "cam/reachable.h"
 #include "cli/commands.h"
+#include "cli/job_light.h"
 #include "design/core/errors.h"
 #include "design/core/text.h"
 #include "machine/pseudo_terminal.h"
@@ -152,7 +155,9 @@ int doctor() {
 int check_machinability(const Job& job, const RunFolder& folder) {
   const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
   const SplineFit fit = fit_spline(mesh, Box2::centred(job.lens.size_mm));
-  const SplineSurface& surface = fit.surface;
+  const Outline outline = outline_of(scene_of(job).lens);
+  const SplineSurface surface = faded_outside(fit.surface, outline);
+  const OutlineRegion lens(outline, 0);
   const Vec2 size = surface.extent().size();
   const double pitch = std::clamp(size.maxCoeff() / 1000, 0.05, 0.1);
   const double ball = job.finish.cutter.radius_mm();
@@ -164,6 +169,7 @@ int check_machinability(const Job& job, const RunFolder& folder) {
   Vec2 concave_place = Vec2::Zero();
   for (double y = surface.extent().min.y() + pitch / 2; y < surface.extent().max.y(); y += pitch) {
     for (double x = surface.extent().min.x() + pitch / 2; x < surface.extent().max.x(); x += pitch) {
+      if (!lens.contains({x, y})) continue;
       const SplineSurface::Sample s = surface.sample(x, y);
       const double slope = std::hypot(s.hx, s.hy);
       if (slope > steepest) {
@@ -181,7 +187,7 @@ int check_machinability(const Job& job, const RunFolder& folder) {
       }
     }
   }
-  const ReachableSurface reachable = reachable_surface(surface, ball, pitch);
+  const ReachableSurface reachable = within(reachable_surface(surface, ball, pitch), outline);
   const auto place = [](const Vec2& p) { return "x " + fixed(p.x(), 1) + " y " + fixed(p.y(), 1); };
   std::printf("height            %s to %s mm\n", fixed(surface.lowest(), 3).c_str(), fixed(surface.highest(), 3).c_str());
   std::printf("steepest slope    %s deg at %s\n", fixed(std::atan(steepest) * 180 / kPi, 1).c_str(), place(steepest_place).c_str());
@@ -192,7 +198,7 @@ int check_machinability(const Job& job, const RunFolder& folder) {
     std::printf("tightest hollow   none, the surface is convex\n");
   }
   std::printf("out of reach      %s mm2 (%s %%), at most %s um left there\n", fixed(reachable.unreachable_area_mm2, 1).c_str(),
-              fixed(100 * reachable.unreachable_area_mm2 / (size.x() * size.y()), 2).c_str(), fixed(reachable.max_residue_um, 1).c_str());
+              fixed(100 * reachable.unreachable_area_mm2 / outline.area_mm2(), 2).c_str(), fixed(reachable.max_residue_um, 1).c_str());
   return kExitDone;
 }
 

@@ -3,7 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
 
+#include "cam/outline_region.h"
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
 #include "design/core/text.h"
@@ -15,6 +19,8 @@ namespace {
 /// Pitch of the closing: its fillets have the ball's curvature, so that bilinear interpolation is at most
 /// pitch^2 / 8 R high, 0.16 um at R 2 mm.
 constexpr double kClosingPitch_mm = 0.05;
+/// Left out along an outline: the walls of the cut-out begin there.
+constexpr double kOutlineRim_mm = 0.02;
 /// Cusps are counted in bins for their percentile.
 constexpr double kCuspBin_um = 0.001;
 constexpr int kCuspBins = 100000;
@@ -32,8 +38,9 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
   if (!(options.finishing_ball_radius_mm > 0)) {
     throw InputError("finishing_ball_radius_mm must be above 0, not " + compact(options.finishing_ball_radius_mm, 4));
   }
-  const ReachableSurface reachable = reachable_surface(
+  ReachableSurface reachable = reachable_surface(
       design, options.finishing_ball_radius_mm, std::max(machined.pitch_mm, kClosingPitch_mm), monitor.part(0, 0.6));
+  if (options.outline) reachable = within(std::move(reachable), *options.outline);
   return measure_deviation(machined, design, reachable, options, monitor.part(0.6, 1));
 }
 
@@ -49,6 +56,8 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
   Box2 measured = design.extent();
   measured.min += Vec2::Constant(options.border_mm - 1e-9);
   measured.max -= Vec2::Constant(options.border_mm - 1e-9);
+  std::optional<OutlineRegion> within;
+  if (options.outline) within.emplace(*options.outline, -kOutlineRim_mm);
   const Grid<float>& closing = reachable.closing_mm;
 
   // Blocks of rows do not depend on the threads; they are put together in order.
@@ -72,6 +81,10 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
             const double design_height = design.height(x, y);
             const double node_height = machined.heights_mm.values[node];
             result.deviation_um.values[node] = static_cast<float>((node_height - design_height) * 1000);
+            if (within && !within->contains({x, y})) {
+              result.deviation_um.values[node] = std::numeric_limits<float>::quiet_NaN();
+              continue;
+            }
             if (!measured.contains({x, y})) continue;
 
             // The closing and its residue in the cell around.

@@ -1,6 +1,7 @@
 // What the simulated machining means: machined surface against the design, and the light it casts.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "cam/reachable.h"
@@ -14,6 +15,7 @@ struct DeviationOptions {
   double finishing_ball_radius_mm = 2;
   double gouge_tolerance_um = 1;
   double border_mm = 0;              ///< rim left out of the measures
+  std::optional<Outline> outline = {};  ///< only within it is measured, but for a rim of at most 0.1 mm; empty: everywhere
 };
 
 /// Machined minus design, micrometres, positive where material is left.

@@ -230,7 +230,8 @@ class Spacer {
   [[nodiscard]] std::vector<CentrePath> compute_paths(const std::vector<double>& ys, const Monitor& monitor) const {
     std::vector<CentrePath> paths(ys.size());
     in_groups(paths.size(), monitor, [&](std::size_t k) {
-      paths[k] = centre_path(ball_, ys[k], options_.from_x, options_.to_x, options_.tolerance);
+      const auto [from_x, to_x] = options_.ends(ys[k]);
+      paths[k] = centre_path(ball_, ys[k], from_x, to_x, options_.tolerance);
     });
     return paths;
   }
@@ -254,6 +255,10 @@ class Spacer {
                        });
     });
     return result;
+  }
+
+  [[nodiscard]] bool is_wanted(const Vec2& p) const {
+    return wanted_.contains(p) && (!options_.wanted || options_.wanted->contains(p));
   }
 
   /// f(0..count), in parallel, telling of it now and then.
@@ -309,7 +314,7 @@ class Spacer {
 
    private:
     void consider(const Vec2& p) {
-      if (spacer_.wanted_.contains(p)) highest_ = std::max(highest_, spacer_.left_at(a_, i_, b_, j_, p).cusp());
+      if (spacer_.is_wanted(p)) highest_ = std::max(highest_, spacer_.left_at(a_, i_, b_, j_, p).cusp());
     }
 
     void follow(double y1, const Vec2& p1, double y2, const Vec2& p2) {
@@ -413,8 +418,8 @@ class Spacer {
         const double ra = std::sqrt(std::max(left.a, 1e-9));
         const double rb = std::sqrt(std::max(left.b, 1e-9));
         const Vec2 even = t.pa + chord * (rb / (ra + rb));
-        if (wanted_.contains(half)) station.cusp = std::max(station.cusp, left.cusp());
-        if (wanted_.contains(even)) station.cusp = std::max(station.cusp, left_at(a, t.i, b, t.j, even).cusp());
+        if (is_wanted(half)) station.cusp = std::max(station.cusp, left.cusp());
+        if (is_wanted(even)) station.cusp = std::max(station.cusp, left_at(a, t.i, b, t.j, even).cusp());
       }
       // A wide way may hold places that no ball reaches.
       if (station.jump || (station.cusp > options_.cusp_mm && station.width > 1.3 * spacing)) {
@@ -490,8 +495,9 @@ class Spacer {
       }
       const double from = stations[k].x - kInfillGrowMm;
       const double to = stations[last].x + kInfillGrowMm;
-      CentrePath piece = centre_path(ball_, (a.y + b.y) / 2, std::max(from, options_.from_x),
-                                     std::min(to, options_.to_x), options_.tolerance);
+      const double y = (a.y + b.y) / 2;
+      const auto [from_x, to_x] = options_.ends(y);
+      CentrePath piece = centre_path(ball_, y, std::max(from, from_x), std::min(to, to_x), options_.tolerance);
       piece.infill = true;
       ++result.infill_pieces;
       const double inner_from = stations[k].x;

@@ -1,9 +1,12 @@
 // Where the passes of a ball cutter go: centre paths in planes of constant y, spaced by the cusp they leave.
 #pragma once
 
+#include <functional>
+#include <utility>
 #include <vector>
 
 #include "cam/detail/ball_contact.h"
+#include "cam/outline_region.h"
 #include "design/core/monitor.h"
 
 namespace lightmill::detail {
@@ -36,7 +39,8 @@ CentrePath centre_path(const BallContact& ball, double y, double from_x, double 
 struct SpacingOptions {
   double cutting_radius_mm = 2;  ///< R of the cutter; `ball` has R + allowance
   double cusp_mm = 1.3e-3;       ///< highest cusp on the reachable surface, along its normal
-  double from_x = 0, to_x = 0;   ///< of every full pass
+  std::function<std::pair<double, double>(double y)> ends;  ///< x where a full pass begins and ends
+  const OutlineRegion* wanted = nullptr;                     ///< where cusps matter; null: the surface's rectangle
   double from_y = 0, to_y = 0;   ///< of the first and the last pass, which lie up to half a spacing beyond
   PathTolerance tolerance;
 };

@@ -19,7 +19,7 @@ std::string degrees(double rad) {
 }
 
 /// The normals of the surface, those that differ by less than 0.003 in slope as one.
-std::vector<Vec3> distinct_normals(const SplineSurface& surface) {
+std::vector<Vec3> distinct_normals(const SplineSurface& surface, const OutlineRegion* within) {
   constexpr double kBin = 0.003;
   const Box2& extent = surface.extent();
   const int nx = std::clamp(surface.spans_x() * 2, 16, 2000);
@@ -27,8 +27,9 @@ std::vector<Vec3> distinct_normals(const SplineSurface& surface) {
   std::vector<std::pair<int, int>> bins;
   for (int j = 0; j <= ny; ++j) {
     for (int i = 0; i <= nx; ++i) {
-      const auto s =
-          surface.sample(extent.min.x() + extent.size().x() * i / nx, extent.min.y() + extent.size().y() * j / ny);
+      const Vec2 p = extent.min + extent.size().cwiseProduct(Vec2(i, j)).cwiseQuotient(Vec2(nx, ny));
+      if (within && !within->contains(p)) continue;
+      const auto s = surface.sample(p.x(), p.y());
       const std::pair<int, int> bin(static_cast<int>(std::lround(s.hx / kBin)),
                                     static_cast<int>(std::lround(s.hy / kBin)));
       if (bins.empty() || bins.back() != bin) bins.push_back(bin);
@@ -56,8 +57,9 @@ Vec3 FixedTilt::axis() const {
           std::cos(tilt_rad)};
 }
 
-std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad, double direction_rad) {
-  const std::vector<Vec3> normals = distinct_normals(surface);
+std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad, double direction_rad,
+                                   const OutlineRegion* within) {
+  const std::vector<Vec3> normals = distinct_normals(surface, within);
   const auto measured = [&](double tilt, double direction) {
     FixedTilt t{tilt, direction, 0, 0};
     const Vec3 axis = t.axis();
@@ -100,7 +102,7 @@ std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad
   return found;
 }
 
-LeadField::LeadField(const SplineSurface& surface, double lead_rad) : lead_(lead_rad) {
+LeadField::LeadField(const SplineSurface& surface, double lead_rad, const OutlineRegion* within) : lead_(lead_rad) {
   constexpr double kSigmaMm = 3;
   constexpr double kPitchMm = 0.5;
   constexpr double kMarginMm = 6;
@@ -156,6 +158,7 @@ LeadField::LeadField(const SplineSurface& surface, double lead_rad) : lead_(lead
       for (int i = 0; i <= sx; ++i) {
         const double x = extent.min.x() + extent.size().x() * i / sx;
         const double y = extent.min.y() + extent.size().y() * j / sy;
+        if (within && !within->contains({x, y})) continue;
         const Vec3 a = axis(x, y);
         const double contact = std::acos(std::clamp(a.dot(surface.normal(x, y)), -1.0, 1.0));
         least = std::min(least, contact);

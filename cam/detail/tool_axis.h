@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "cam/outline_region.h"
 #include "cam/finishing.h"
 
 namespace lightmill::detail {
@@ -21,14 +22,16 @@ struct FixedTilt {
 
 /// All fixed tilts that keep the window, the one asked for first (if it does), then by how little they differ from it
 /// (a degree of tilt weighs as much as 15 degrees of direction). Throws InputError naming the slopes if there is none.
-std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad, double direction_rad);
+/// Looks at `within` only, or without it at the whole surface.
+std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad, double direction_rad,
+                                   const OutlineRegion* within = nullptr);
 
 /// Lead/tilt: the normal, low-passed by a Gaussian of a few mm, leant forward along +X.
 class LeadField {
  public:
   /// Raises the lead above `lead_rad` if the window or the distance from the vertical asks for it. Throws InputError
   /// naming the slopes when no lead will do.
-  LeadField(const SplineSurface& surface, double lead_rad);
+  LeadField(const SplineSurface& surface, double lead_rad, const OutlineRegion* within = nullptr);
   [[nodiscard]] Vec3 axis(double x, double y) const;
   [[nodiscard]] double lead_rad() const { return lead_; }
 

@@ -96,10 +96,10 @@ int main(int argc, char** argv) {
   const auto folder = std::filesystem::temp_directory_path() / "lightmill_solid_bench";
   const auto file = folder / "lens.step";
   wall = seconds_now(), cpu = cpu_seconds();
-  const SolidSummary solid = write_lens_step(file, fit.surface, "bench lens");
+  const SolidSummary solid = write_lens_step(file, fit.surface, {.product_name = "bench lens"});
   say("write_lens_step", wall, cpu);
   std::printf("  valid %d, %d faces, %d free edges, %ju bytes, volume off by %.2e, deviation %.2e um\n", solid.valid,
-              solid.faces, solid.free_edges, solid.file_bytes, solid.volume_mm3 / solid.spline_volume_mm3 - 1,
+              solid.faces, solid.free_edges, solid.file_bytes, solid.volume_mm3 / solid.expected_volume_mm3 - 1,
               solid.max_deviation_um);
 
   wall = seconds_now(), cpu = cpu_seconds();

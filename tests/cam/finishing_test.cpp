@@ -343,6 +343,57 @@ TEST(Finishing, InACreaseTheReachableFlanksAreWithinTheLimitToTheirBorder) {
   EXPECT_EQ(path.above_limit_mm2, 0);
 }
 
+class FinishingWithin : public ::testing::TestWithParam<Outline::Shape> {};
+
+TEST_P(FinishingWithin, AnOutlineCoversItAndLandsBesideIt) {
+  Outline outline{GetParam(), {13, 13}, {}};
+  if (outline.shape == Outline::Shape::kRectangle) outline.size_mm = {12, 9};
+  if (outline.shape == Outline::Shape::kLoop) {  // with a hollow side
+    for (int k = 0; k < 90; ++k) {
+      const double a = 2 * kPi * k / 90, r = 5 + std::sin(2 * a) + 0.8 * std::sin(3 * a);
+      outline.loop_mm.emplace_back(r * std::cos(a), r * std::sin(a));
+    }
+  }
+  const auto s = hilly(52, {24, 22});
+  const Blank blank{{26, 25}, s.highest() + 0.4};
+  FinishOptions options;
+  options.outline = outline;
+  const ToolPath path = plan_finishing(s, blank, finishing_ball(), options);
+  const SweptBall swept(path);
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> u(-7, 7);
+  double most = 0, least = 0;
+  const std::vector<Vec2> border = outline_places(outline, 0.02);
+  for (int k = 0; k < 30000; ++k) {
+    const Vec2 p = k % 4 == 0 ? border[static_cast<std::size_t>(k / 4) % border.size()] : Vec2(u(random), u(random));
+    const double left = swept.left_mm({p.x(), p.y(), s.height(p.x(), p.y())});
+    least = std::min(least, left);
+    if (k % 4 == 0 || outline.contains(p)) most = std::max(most, left);
+  }
+  EXPECT_LE(most, 1.3e-3 + 2e-5);
+  EXPECT_GE(least, -kGougeToleranceMm);
+  // Where passes begin and end the ball stands clear; it comes down to the surface only where it touches beside the lens.
+  int ends = 0;
+  for (std::size_t k = 1; k + 1 < path.moves.size(); ++k) {
+    const bool begins = path.moves[k].kind == MoveKind::kLink && path.moves[k + 1].kind != MoveKind::kLink;
+    const bool over = path.moves[k].kind == MoveKind::kCut && path.moves[k + 1].kind == MoveKind::kLink;
+    if (!begins && !over) continue;
+    const Vec3 c = path.moves[k].pose.tip_mm + 2 * path.moves[k].pose.axis;
+    EXPECT_GT(c.z() - ball_centre_height(s, 2, c.x(), c.y()), 0.4);
+    ++ends;
+  }
+  EXPECT_GT(ends, 60);
+  for (const Move& m : path.moves) {
+    if (m.kind != MoveKind::kCut && m.kind != MoveKind::kPlunge) continue;
+    const Vec3 c = m.pose.tip_mm + 2 * m.pose.axis;
+    const detail::Contact contact = detail::ball_contact(s, 2, c.x(), c.y());
+    EXPECT_FALSE(c.z() - contact.z > 1e-4 && outline.contains(contact.point)) << "lifted over the lens at " << contact.point.transpose();
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Shapes, FinishingWithin,
+                         ::testing::Values(Outline::Shape::kRectangle, Outline::Shape::kDisk, Outline::Shape::kLoop));
+
 TEST(SemiFinishing, LeavesItsAllowanceAlongTheNormal) {
   const Vec2 size(16, 12);
   const auto s = hilly(4, size);

@@ -126,11 +126,19 @@ TEST(BadInput, AProgramThatIsCutShortIsNotSent) {
   }
 }
 
-TEST(BadInput, ADiskIsDesignedButNotMilled) {
+TEST(BadInput, ALensWithAHoleIsDesignedButNotMilled) {
   const ScratchFolder scratch;
-  const fs::path job = tiny_job(scratch, "[lens]\nsize_mm = [12, 10]", "[lens]\nshape = \"disk\"\nsize_mm = [12, 12]");
+  spill(scratch / "ring.svg", "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 12 10'><path fill-rule='evenodd' "
+                              "d='M0 0H12V10H0ZM5 4H7V6H5Z'/></svg>");
+  const fs::path job = tiny_job(scratch, "[lens]\n", "[lens]\noutline = \"" + (scratch / "ring.svg").string() + "\"\n");
   EXPECT_EQ(make(job, scratch, "design").code, 0);
-  expect_one_line(make(job, scratch), 2, {"disk", "--until design"});
+  expect_one_line(make(job, scratch), 2, {"2 loops", "--until design"});
+}
+
+TEST(BadInput, ALandWithoutACutOut) {
+  const ScratchFolder scratch;
+  const fs::path job = tiny_job(scratch, "[lens]\n", "[profile]\ncut = false\n[lens]\nland_mm = 2\n");
+  expect_one_line(make(job, scratch), 2, {"profile.cut", "land_mm"});
 }
 
 TEST(BadInput, ACommandLineThatIsNone) {

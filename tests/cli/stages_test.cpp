@@ -126,6 +126,24 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   EXPECT_LT(report_of(run).at("/cam/finish/length_mm"_json_pointer), report.at("/cam/finish/length_mm"_json_pointer));
 }
 
+TEST(Chain, ADiskWithALandIsMilledAndCutOut) {
+  const ScratchFolder scratch;
+  const std::string run = (scratch / "run").string();
+  const fs::path job = tiny_job(scratch, "[lens]\nsize_mm = [12, 10]",
+                                "[profile]\ntabs = 1\ntab_height_mm = 0.4\ntab_width_mm = 2\n\n[lens]\nshape = \"disk\"\nsize_mm = [11, 11]\n"
+                                "land_mm = 2\nland_drop_mm = 0.5");
+  const CommandResult made = lightmill_command({"make", job.string(), "-o", run});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_TRUE(fs::exists(fs::path(run) / "program/40_profile.nc"));
+  const json report = report_of(run);
+  EXPECT_EQ(report.at("/cam/solid/valid"_json_pointer), true);
+  EXPECT_EQ(report.at("/dry_run/faults"_json_pointer), 0);
+  EXPECT_LT(report.at("/dry_run/max_gouge_um"_json_pointer), 1.0);
+  EXPECT_LT(report.at("/dry_run/max_cusp_um"_json_pointer), 4.6) << "4 um were asked for";
+  EXPECT_LT(report.at("/dry_run/caustic/polished/l1_error"_json_pointer), 0.4);
+  EXPECT_NEAR(report.at("/cam/blank/size_mm/0"_json_pointer), 11 + 2 * (2 + 12), 1e-9);
+}
+
 TEST(Chain, ADryRunIsNoEcho) {
   const ScratchFolder scratch;
   const std::string run = (scratch / "run").string();
