@@ -2,7 +2,7 @@
 // mesh.
 #pragma once
 
-#include <filesystem>
+#include <vector>
 
 #include "cam/detail/spline_basis.h"
 #include "design/core/grid.h"
@@ -72,6 +72,13 @@ struct SplineFit {
   SplineSurface surface;
   SplineFitSummary summary;
 };
+
+/// Spline minus mesh at every vertex: height along z, and the angle between the normals.
+struct FitErrors {
+  std::vector<double> height_um;
+  std::vector<double> normal_urad;
+};
+FitErrors fit_errors(const SurfaceMesh& mesh, const SplineSurface& surface);
 
 /// Least squares on vertex heights and normals with one span per mesh edge length; the mesh's vertices may lie
 /// anywhere. Coefficients that no vertex reaches go on as smoothly as a thin plate. Throws InputError for a mesh that

@@ -106,8 +106,15 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   write_height_picture(folder.file("cam/surface.png"), sample_heights(surface, kHeightPixels), extent.size().maxCoeff() / kHeightPixels);
   write_deviation_picture(folder.file("cam/unreachable.png"), reachable.residue_um, std::max(1.0, std::ceil(reachable.max_residue_um)));
 
+  const FitErrors errors = fit_errors(mesh, surface);
+  const double height_range_um = std::max(0.5, std::ceil(4 * fit.summary.rms_deviation_um));
+  const double normal_range_urad = std::max(100.0, std::ceil(3 * fit.summary.rms_normal_deviation_urad));
+  write_deviation_picture(folder.file("cam/fit_height.png"), rasterise_values(mesh, errors.height_um, extent, kHeightPixels), height_range_um);
+  write_deviation_picture(folder.file("cam/fit_normal.png"), rasterise_values(mesh, errors.normal_urad, extent, kHeightPixels),
+                          normal_range_urad, "urad");
+
   StageResult result;
-  result.files = {"cam/spline.bin", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "cam/surface.png", "cam/unreachable.png"};
+  result.files = {"cam/fit_height.png", "cam/fit_normal.png", "cam/spline.bin", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "cam/surface.png", "cam/unreachable.png"};
   const double rapid = read_machine(job.machine.file).x.max_speed_mm_per_s;
   json& cam = result.report["cam"];
   for (const ToolPath& path : passes) {

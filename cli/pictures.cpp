@@ -12,19 +12,25 @@
 
 namespace lightmill {
 
-Grid<float> rasterise_heights(const SurfaceMesh& mesh, const Box2& extent, int pixels) {
+Grid<float> rasterise_values(const SurfaceMesh& mesh, const std::vector<double>& values, const Box2& extent, int pixels) {
   const double pixel_mm = extent.size().maxCoeff() / pixels;
-  Grid<float> heights(std::max(1, static_cast<int>(std::lround(extent.size().x() / pixel_mm))),
-                      std::max(1, static_cast<int>(std::lround(extent.size().y() / pixel_mm))),
-                      std::numeric_limits<float>::quiet_NaN());
+  Grid<float> grid(std::max(1, static_cast<int>(std::lround(extent.size().x() / pixel_mm))),
+                   std::max(1, static_cast<int>(std::lround(extent.size().y() / pixel_mm))),
+                   std::numeric_limits<float>::quiet_NaN());
   std::vector<Vec2> places;
   for (const Vec3& v : mesh.vertices) places.emplace_back(v.head<2>());
-  for_each_pixel(places, mesh.triangles, extent, heights.width, heights.height, [&](int x, int y, int t, const Vec3& weights) {
-    double h = 0;
-    for (int k = 0; k < 3; ++k) h += weights[k] * mesh.vertices[mesh.triangles[t][k]].z();
-    heights.at(x, y) = static_cast<float>(h);
+  for_each_pixel(places, mesh.triangles, extent, grid.width, grid.height, [&](int x, int y, int t, const Vec3& weights) {
+    double value = 0;
+    for (int k = 0; k < 3; ++k) value += weights[k] * values[mesh.triangles[t][k]];
+    grid.at(x, y) = static_cast<float>(value);
   });
-  return heights;
+  return grid;
+}
+
+Grid<float> rasterise_heights(const SurfaceMesh& mesh, const Box2& extent, int pixels) {
+  std::vector<double> heights;
+  for (const Vec3& v : mesh.vertices) heights.push_back(v.z());
+  return rasterise_values(mesh, heights, extent, pixels);
 }
 
 Grid<float> sample_heights(const SplineSurface& surface, int pixels) {
@@ -124,7 +130,7 @@ void write_toolpath_picture(const std::filesystem::path& path, const ToolPath& t
   canvas.write(path);
 }
 
-void write_deviation_picture(const std::filesystem::path& path, const Grid<float>& deviation_um, double range_um) {
+void write_deviation_picture(const std::filesystem::path& path, const Grid<float>& deviation_um, double range_um, const std::string& unit) {
   constexpr int kPixels = 900;
   const int factor = std::max(1, (std::max(deviation_um.width, deviation_um.height) + kPixels - 1) / kPixels);
   const int width = (deviation_um.width + factor - 1) / factor;
@@ -148,7 +154,7 @@ void write_deviation_picture(const std::filesystem::path& path, const Grid<float
     }
   }
   const std::string range = compact(range_um, 1);
-  draw_scale(canvas, width * zoom, [](double t) { return deviation_colour(2 * t - 1); }, {"+" + range + " um", "0", "-" + range + " um"});
+  draw_scale(canvas, width * zoom, [](double t) { return deviation_colour(2 * t - 1); }, {"+" + range + " " + unit, "0", "-" + range + " " + unit});
   canvas.write(path);
 }
 

@@ -13,6 +13,8 @@
 namespace lightmill {
 
 /// Heights of a mesh at the centres of a grid over `extent`; NaN beside the mesh.
+/// Values of a mesh's vertices, linear in between, over `extent`; NaN where no triangle is.
+Grid<float> rasterise_values(const SurfaceMesh& mesh, const std::vector<double>& values, const Box2& extent, int pixels);
 Grid<float> rasterise_heights(const SurfaceMesh& mesh, const Box2& extent, int pixels_along_longer_side);
 /// Heights of the spline at the centres of a grid over its extent.
 Grid<float> sample_heights(const SplineSurface& surface, int pixels_along_longer_side);
@@ -26,6 +28,6 @@ void write_toolpath_picture(const std::filesystem::path& path, const ToolPath& t
 
 /// Material left in red, material missing in blue, with a scale of +-range_um; larger grids are reduced to the strongest
 /// value per pixel.
-void write_deviation_picture(const std::filesystem::path& path, const Grid<float>& deviation_um, double range_um);
+void write_deviation_picture(const std::filesystem::path& path, const Grid<float>& deviation_um, double range_um, const std::string& unit = "um");
 
 }  // namespace lightmill

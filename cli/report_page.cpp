@@ -226,6 +226,8 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   const std::string range = number_at(report, "/dry_run/deviation_picture_range_um", 1);
   html += picture(folder, "dry_run/deviation.png", "Milled minus designed",
                   "red: material left, blue: material missing; full colour at " + range + " µm; strongest value per pixel");
+  html += picture(folder, "cam/fit_height.png", "Spline minus mesh", "height at the vertices; the lines are creases, which a smooth surface rounds");
+  html += picture(folder, "cam/fit_normal.png", "Spline against mesh, normals", "angle at the vertices, which the light sees");
   html += picture(folder, "cam/unreachable.png", "Out of the ball's reach", "what an ideal finishing ball leaves standing");
   html += "</div>\n";
   html += "<h2>Tool paths</h2>\n<div class=pictures>\n";

@@ -294,35 +294,38 @@ struct NormalEquations {
   }
 };
 
-SplineFitSummary measure_fit(const SurfaceMesh& mesh, const std::vector<Vec2>& slopes, const std::vector<bool>& crease,
-                             const std::vector<bool>& border, const SplineSurface& surface) {
+SplineFitSummary summed_up(const FitErrors& errors, const std::vector<bool>& crease, const std::vector<bool>& border) {
   SplineFitSummary summary;
   double height_sum = 0, normal_sum = 0;
   std::size_t smooth = 0, smooth_inside = 0;
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-    const Vec3& p = mesh.vertices[v];
-    const auto s = surface.sample(p.x(), p.y());
-    const double deviation = s.h - p.z();
-    summary.max_deviation_um = std::max(summary.max_deviation_um, 1e3 * std::abs(deviation));
+  for (std::size_t v = 0; v < errors.height_um.size(); ++v) {
+    summary.max_deviation_um = std::max(summary.max_deviation_um, std::abs(errors.height_um[v]));
     if (crease[v]) continue;
     ++smooth;
-    height_sum += deviation * deviation;
+    height_sum += errors.height_um[v] * errors.height_um[v];
     if (border[v]) continue;
     ++smooth_inside;
-    const Vec3 own = Vec3(-s.hx, -s.hy, 1);
-    const Vec3 theirs(-slopes[v].x(), -slopes[v].y(), 1);
-    const double angle = std::atan2(own.cross(theirs).norm(), own.dot(theirs));
-    normal_sum += angle * angle;
+    normal_sum += errors.normal_urad[v] * errors.normal_urad[v];
   }
-  summary.crease_share = 1 - static_cast<double>(smooth) / static_cast<double>(mesh.vertices.size());
-  if (smooth > 0) summary.rms_deviation_um = 1e3 * std::sqrt(height_sum / static_cast<double>(smooth));
-  if (smooth_inside > 0) {
-    summary.rms_normal_deviation_urad = 1e6 * std::sqrt(normal_sum / static_cast<double>(smooth_inside));
-  }
+  summary.crease_share = 1 - static_cast<double>(smooth) / static_cast<double>(errors.height_um.size());
+  if (smooth > 0) summary.rms_deviation_um = std::sqrt(height_sum / static_cast<double>(smooth));
+  if (smooth_inside > 0) summary.rms_normal_deviation_urad = std::sqrt(normal_sum / static_cast<double>(smooth_inside));
   return summary;
 }
 
 }  // namespace
+
+FitErrors fit_errors(const SurfaceMesh& mesh, const SplineSurface& surface) {
+  FitErrors errors;
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+    const Vec3& p = mesh.vertices[v];
+    const auto s = surface.sample(p.x(), p.y());
+    const Vec3 own(-s.hx, -s.hy, 1);
+    errors.height_um.push_back(1e3 * (s.h - p.z()));
+    errors.normal_urad.push_back(1e6 * std::atan2(own.cross(mesh.normals[v]).norm(), own.dot(mesh.normals[v])));
+  }
+  return errors;
+}
 
 SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const Monitor& monitor) {
   const auto start = std::chrono::steady_clock::now();
@@ -365,7 +368,7 @@ SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const Monitor&
   monitor.report("fitting the spline surface", 0.8);
 
   SplineFit fit{SplineSurface(extent, spans_x, spans_y, std::move(coefficients)), {}};
-  fit.summary = measure_fit(mesh, slopes, crease_vertices(mesh, slopes, edge_mm), border, fit.surface);
+  fit.summary = summed_up(fit_errors(mesh, fit.surface), crease_vertices(mesh, slopes, edge_mm), border);
   fit.summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   monitor.report("fitting the spline surface", 1);
   return fit;
