@@ -108,10 +108,11 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
 
   const FitErrors errors = fit_errors(mesh, surface);
   const double height_range_um = std::max(0.5, std::ceil(4 * fit.summary.rms_deviation_um));
-  const double normal_range_urad = std::max(100.0, std::ceil(3 * fit.summary.rms_normal_deviation_urad));
+  std::vector<double> normal_mrad;
+  for (const double urad : errors.normal_urad) normal_mrad.push_back(urad / 1000);
   write_deviation_picture(folder.file("cam/fit_height.png"), rasterise_values(mesh, errors.height_um, extent, kHeightPixels), height_range_um);
-  write_deviation_picture(folder.file("cam/fit_normal.png"), rasterise_values(mesh, errors.normal_urad, extent, kHeightPixels),
-                          normal_range_urad, "urad");
+  write_deviation_picture(folder.file("cam/fit_normal.png"), rasterise_values(mesh, normal_mrad, extent, kHeightPixels),
+                          std::max(0.1, std::ceil(3 * fit.summary.rms_normal_deviation_urad) / 1000), "mrad");
 
   StageResult result;
   result.files = {"cam/fit_height.png", "cam/fit_normal.png", "cam/spline.bin", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "cam/surface.png", "cam/unreachable.png"};
