@@ -281,9 +281,16 @@ class ProgramWriter {
   }
 
   void axis_word(int w, long long units) {
+    const bool within_turn = w == kInner && dialect_.modulo_rotary && sheet_.endless_inner;
+    if (!within_turn && static_cast<double>(std::llabs(units)) >= std::pow(10.0, dialect_.whole_digits) * unit_) {
+      throw InputError(pass_->pass + ": " + letters_[w] + " would be written as " +
+                       compact(static_cast<double>(units) / unit_, 4) + ", and " + std::string(dialect_.name) +
+                       " takes " + std::to_string(dialect_.whole_digits) +
+                       " digits before the point; give the axis limits in the machine file, so that it unwinds");
+    }
     space();
     text_ += letters_[w];
-    if (w == kInner && dialect_.modulo_rotary && sheet_.endless_inner) {
+    if (within_turn) {
       const long long turn = std::llround(360 * unit_);
       text_ += "=DC(";
       number(((units % turn) + turn) % turn);

@@ -18,7 +18,6 @@ using detail::Language;
 using detail::Order;
 
 constexpr std::size_t kMostFaults = 20;
-constexpr double kTop_mm = 1e-6;      // how near to the machine's top is at the top
 constexpr double kPlane_mm = 1e-3;    // rapids may graze the safe plane by rounding
 constexpr double kFeedLoss = 3e-4;    // a feed word may be this much too slow by rounding down, and nothing too fast
 constexpr double kTimeLoss_s = 1e-3;  // of an FT word, rounded up
@@ -305,7 +304,7 @@ class Checker {
       if (block.said(1)) to.y = block.axis[1] + setup_.origin_mm.y();
       if (block.said(2)) to.z = block.axis[2] + setup_.origin_mm.z() + length_mm_;
     }
-    to.top = absolute && block.said(2) ? std::abs(to.z - machine_.retract_z_mm) <= kTop_mm
+    to.top = absolute && block.said(2) ? std::abs(to.z - machine_.retract_z_mm) <= half_unit_
                                        : from.top && (absolute || (tcp_ != Tcp::kOn && !block.said(2)));
     place_ = to;
     if (!risen_ && !(absolute && to.top && block.linear() && !block.said(0) && !block.said(1))) {

@@ -51,6 +51,7 @@ class Dialect {
   Language language = Language::kRs274;
   int most_decimals = 8;
   int feed_decimals = 9;
+  int whole_digits = 6;  ///< of a coordinate, before the point
   std::string_view line_end = "\n";
   std::string_view name_prefix{};  ///< of programs, where they must begin with letters
   bool upper_case = false;         ///< names and comments

@@ -12,6 +12,7 @@ class Fanuc final : public Rs274 {
     name = "fanuc";
     title = "Fanuc 30i: tool length from the offset table (G43 H, G43.4 H), unverified";
     most_decimals = 4;
+    whole_digits = 5;
     percent = true;
     program_number = true;
     decimal_point = true;

@@ -13,6 +13,7 @@ class Tnc : public Dialect {
  public:
   Tnc() {
     most_decimals = 4;
+    whole_digits = 5;
     feed_decimals = 3;
     line_end = "\r\n";
     upper_case = true;

@@ -321,6 +321,8 @@ void BlockReader::words(std::string_view text) {
     if (dialect_.decimal_point && (axis >= 0 || letter == 'F' || (letter >= 'I' && letter <= 'K')) && token.find('.') == std::string_view::npos) {
       complain(std::string(1, letter) + " without a decimal point");
     }
+    if (axis >= 0 && std::abs(value) >= std::pow(10.0, dialect_.whole_digits))
+      complain("a number too long for the control");
     if (dialect_.plus_sign && axis >= 0 && token[1] != '+' && token[1] != '-')
       complain(std::string(1, letter) + " without a sign");
     if (axis >= 0) {
@@ -527,6 +529,7 @@ void BlockReader::conversational_block(std::string_view text) {
       if (token[1] != '+' && token[1] != '-') complain(std::string(1, token.front()) + " without a sign");
       if (block.said(axis)) complain(std::string("two words ") + token.front());
       if (value == 0 && std::signbit(value)) complain("a minus before zero");
+      if (std::abs(value) >= std::pow(10.0, dialect_.whole_digits)) complain("a number too long for the control");
       block.axis[static_cast<std::size_t>(axis)] = value;
     } else if (moves && token == "R0") {
       block.order(Order::kNoRadius);

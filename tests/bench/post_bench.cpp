@@ -15,12 +15,13 @@ double cpu_seconds() {
 }
 
 void measure(const std::string& what, const MachineModel& machine, const WorkSetup& setup, const ToolPath& path,
-             bool tcp = false) {
+             bool tcp = false, bool arcs = false) {
   MotionOptions motion_options;
   motion_options.tcp = tcp;
   ProgramOptions options;
   options.decimals = machine.controller == "grblhal" ? 5 : 4;
   options.tcp = tcp;
+  if (arcs) options.arc_tolerance_mm = motion_options.tip_tolerance_mm;
   const double t0 = cpu_seconds();
   const AxisMotion motion = plan_motion(machine, setup, path, motion_options);
   const double t1 = cpu_seconds();
@@ -35,6 +36,7 @@ void measure(const std::string& what, const MachineModel& machine, const WorkSet
               t2 - t1, t3 - t2, faults.size(), double(program.blocks) / (t2 - t0));
   std::printf("  tip error %.3f um, axis speed ratio %.3f, slowed moves %zu\n", motion.max_tip_error_um,
               motion.max_axis_speed_ratio, motion.slowed_moves);
+  if (arcs) std::printf("  %zu arcs, %.3f um from the straight moves\n", program.arcs, 1e3 * program.max_arc_error_mm);
 }
 
 }  // namespace
@@ -43,6 +45,8 @@ int main() {
   const MachineModel machine = test::hostile_machine();
   const WorkSetup setup = work_on_table(machine, {12, -17, 30}, 54);
   measure("3+2 finish", machine, setup, test::fixed_rows(30 * test::kDeg, 70 * test::kDeg, 600, 1000, 90));
+  measure("3+2 finish, arcs", machine, setup, test::fixed_rows(30 * test::kDeg, 70 * test::kDeg, 600, 1000, 90), false,
+          true);
   const ToolPath turning = test::lead_rows(20 * test::kDeg, 250, 400, 40);
   measure("lead/tilt finish, 40 mm lens", machine, setup, turning);
   for (const DialectFacts& dialect : dialects()) {

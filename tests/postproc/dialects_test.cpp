@@ -1,11 +1,14 @@
 // Every dialect: golden headers and footers, the controls' traps, and mutations of the finished text.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
 
 #include <algorithm>
 #include <cctype>
 #include <cstdlib>
 #include <filesystem>
+#include <regex>
+#include <sstream>
 
 #include "design/core/errors.h"
 #include "design/core/files.h"
@@ -150,6 +153,92 @@ TEST_P(EveryDialect, NoticesMutations) {
     }
   }
   EXPECT_GT(mutations, 50);
+}
+
+// Numbers as the control takes them: no exponent, no minus before zero, its decimals, its point, its sign, its length;
+// printable ASCII, its line ends, its longest line.
+TEST_P(EveryDialect, NumbersAndLinesAreTheControls) {
+  const Made good = made();
+  const bool tnc = GetParam().controller.starts_with("heidenhain"), fanuc = GetParam().controller == "fanuc";
+  const std::string sign = tnc ? "[+-]" : "-?";
+  const std::string value = sign + (fanuc ? "[0-9]{1,5}\\.([0-9]{0,3}[1-9])?" : "[0-9]{1,5}(\\.[0-9]{0,3}[1-9])?");
+  const std::regex coordinate("([XYZBC]" + value + "|C=DC\\([0-9.]+\\))"), minus_zero(".*-0(\\.0*)?");
+  int words = 0;
+  for (std::string line : lines_of(good.program.text)) {
+    if (tnc) {
+      ASSERT_TRUE(line.ends_with('\r')) << line;
+      line.pop_back();
+    }
+    EXPECT_LE(line.size(), 80u);
+    for (const char c : line) ASSERT_TRUE(c >= ' ' && c <= '~') << line;
+    if (test::is_comment(line) || line.find("BEGIN") != std::string::npos) continue;
+    std::istringstream in(line);
+    for (std::string word; in >> word;) {
+      if (word.size() < 2 || std::string_view("XYZBC").find(word[0]) == std::string_view::npos) continue;
+      if (std::isalpha(static_cast<unsigned char>(word[1])) != 0) continue;  // BLK, CYCL
+      EXPECT_TRUE(std::regex_match(word, coordinate)) << line;
+      EXPECT_FALSE(std::regex_match(word, minus_zero)) << line;
+      ++words;
+    }
+  }
+  EXPECT_GT(words, 50);
+}
+
+TEST(Dialects, RefuseAnAngleLongerThanTheControlTakes) {
+  for (const char* controller : {"fanuc", "heidenhain"}) {
+    Made made = make_for(controller, true);
+    for (AxisMove& move : made.motion.moves) move.joints.inner_rad += 2 * kPi * 300;
+    try {
+      write_program(made.machine, made.setup, made.motion, made.options);
+      FAIL();
+    } catch (const InputError& e) {
+      EXPECT_THAT(e.what(), testing::AllOf(HasSubstr("finish: C would be written as 10"), HasSubstr("5 digits"),
+                                           HasSubstr("unwinds")));
+    }
+  }
+}
+
+TEST(Dialects, RefuseAnUnknownTool) {
+  MachineModel machine = test::hostile_machine();
+  ToolPath path = test::fixed_rows(0.3, 1, 1, 3);
+  path.cutter.number = 0;
+  try {
+    make(machine, work_on_table(machine, {12, -17, 30}, 55), path);
+    FAIL();
+  } catch (const InputError& e) {
+    EXPECT_THAT(e.what(), testing::AllOf(HasSubstr("finish: cutter '4 mm ball'"), HasSubstr("T word")));
+  }
+}
+
+// Machine and work shifted together: the program is the same but for machine coordinates.
+RC_GTEST_PROP(Dialects, ShiftsOfMachineAndWorkDoNotMatter, ()) {
+  static const std::vector<Case> cases = all_cases();
+  const Case c = cases[static_cast<std::size_t>(*rc::gen::inRange(0, static_cast<int>(cases.size())))];
+  const Made made = make_for(c.controller, c.turning, c.tcp);
+  const Vec3 shift(test::real(-80, 80), test::real(-80, 80), test::real(-80, 80));
+  Made moved = made;
+  MachineModel& m = moved.machine;
+  for (RotaryAxis* axis : {&m.outer, &m.inner}) axis->point_mm += shift;
+  m.table_centre_mm += shift;
+  m.tool_change_mm += shift;
+  m.retract_z_mm += shift.z();
+  LinearAxis* const axes[3] = {&m.x, &m.y, &m.z};
+  for (int i = 0; i < 3; ++i) {
+    axes[i]->min_mm += shift[i];
+    axes[i]->max_mm += shift[i];
+  }
+  moved.setup.origin_mm += shift;
+  moved = make(m, moved.setup, made.path, made.options);
+  const auto work = [](const Made& which) {
+    std::vector<std::string> lines;
+    for (const std::string& line : lines_of(which.program.text)) {
+      const bool machine = line.find("G53") != std::string::npos || line.find("SUPA") != std::string::npos ||
+                           line.find("M91") != std::string::npos || line.find("ZERO IN MACHINE") != std::string::npos;
+      if (!machine) lines.push_back(line);
+    }
+    return lines;
+  };
+  RC_ASSERT(work(moved) == work(made));
 }
 
 std::string refusal(const Made& made, const std::string& find, const std::string& replace) {

@@ -53,7 +53,11 @@ TEST(ReadMachine, EveryFixtureIsGood) {
     EXPECT_NO_THROW(read_machine(entry.path())) << entry.path();
     ++count;
   }
-  EXPECT_GE(count, 1);
+  EXPECT_GE(count, 8);
+  for (const char* ready : {"mikron_hsm400u_itnc530", "trunnion_linuxcnc", "desktop_5axis_grblhal", "vmc_ac_fanuc",
+                            "head_table_siemens840d", "router_grblhal"}) {
+    EXPECT_TRUE(std::filesystem::exists(kFixture.parent_path() / (std::string(ready) + ".toml"))) << ready;
+  }
 }
 
 // A figure that can crash a machine says where it comes from, or that nobody has checked it.
@@ -92,6 +96,26 @@ TEST(ReadMachine, RefusesNamingKeyAndRule) {
   EXPECT_THAT(complaint("tool_change_mm = [-240.0", "tool_change_mm = [-260.0"), HasSubstr("within the travels"));
   EXPECT_THAT(complaint("max_rpm = 36000", "max_rpm = 500"), HasSubstr("spindle.max_rpm"));
   EXPECT_THAT(complaint("point_mm = [0.0, 0.0, -380.0]", "point_mm = [0.0, 0.0]"), HasSubstr("outer.point_mm"));
+}
+
+TEST(ReadMachine, TakesJerkParkAndStraightRapids) {
+  std::string text = read_whole(kFixture);
+  text.replace(text.find("acceleration_mm_per_s2"), 0, "jerk_mm_per_s3 = 250000\n");
+  text.replace(text.find("acceleration_deg_per_s2"), 0, "jerk_deg_per_s3 = 36000\n");
+  text.replace(text.find("retract_z_mm"), 0, "park_mm = [12, 34]\n");
+  text.replace(text.find("kind = "), 0, "straight_rapids = false\n");
+  const auto path = std::filesystem::path(testing::TempDir()) / "machine_model_jerk.toml";
+  write_whole(path, text);
+  const MachineModel machine = read_machine(path);
+  EXPECT_EQ(machine.x.jerk_mm_per_s3, 250000);
+  EXPECT_DOUBLE_EQ(machine.outer.jerk_rad_per_s3, 36000 * kPi / 180);
+  EXPECT_EQ(machine.y.jerk_mm_per_s3, 0) << "not known";
+  EXPECT_EQ(*machine.park_mm, Vec2(12, 34));
+  EXPECT_FALSE(machine.has_straight_rapids());
+  MachineModel fanuc = read_machine(kFixture);
+  EXPECT_TRUE(fanuc.has_straight_rapids());
+  fanuc.controller = "fanuc";
+  EXPECT_FALSE(fanuc.has_straight_rapids()) << "as delivered";
 }
 
 TEST(ReadMachine, NormalisesAxes) {
