@@ -1,5 +1,7 @@
 // RS274/NGC as LinuxCNC reads it, and Fanuc's blocks, which share its words.
 #include <bit>
+#include <optional>
+#include <tuple>
 #include <unordered_map>
 
 #include "machine/detail/reader_core.h"
@@ -244,6 +246,13 @@ class WordReader {
     std::unordered_map<int, double> saved;
     std::size_t loops;
   };
+  /// What M70 keeps.
+  struct Modes {
+    double unit, feed, rpm;
+    bool incremental, centre_absolute, inverse_time, to_r_level;
+    int plane, spindle;
+    std::size_t offset;
+  };
   struct Loop {
     std::string label;
     std::size_t line;
@@ -292,8 +301,63 @@ class WordReader {
     for (const auto& [n, v] : frame.saved) numbers_[n] = v;
     next_ = frame.back;
     loops_.resize(frame.loops);
+    if (saved_.back() && restores_.back()) restore();
+    saved_.pop_back();
+    restores_.pop_back();
     frames_.pop_back();
     locals_.pop_back();
+  }
+  void enter_sub(Frame frame) {
+    frames_.push_back(std::move(frame));
+    locals_.emplace_back();
+    saved_.emplace_back();
+    restores_.push_back(false);
+  }
+
+  /// M70 to M73: each level of call has its own memory.
+  void keep_modes(int code) {
+    if (code == 70 || code == 73) {
+      saved_.back() = Modes{unit_,         feed_,       rpm_,   incremental_, centre_absolute_,
+                            inverse_time_, to_r_level_, plane_, spindle_,     offset_};
+      restores_.back() = code == 73;
+      if (code == 73 && frames_.empty()) reject(1, "M73 outside of a subprogram");
+      return;
+    }
+    if (!saved_.back()) reject(1, "M" + std::to_string(code) + " without modes that M70 has kept");
+    if (code == 72) restore();
+    if (code == 71) saved_.back().reset();
+  }
+  void restore() {
+    const Modes& kept = *saved_.back();
+    unit_ = kept.unit;
+    feed_ = kept.feed;
+    incremental_ = kept.incremental;
+    centre_absolute_ = kept.centre_absolute;
+    inverse_time_ = kept.inverse_time;
+    to_r_level_ = kept.to_r_level;
+    plane_ = kept.plane;
+    if (offset_ != kept.offset) {
+      offset_ = kept.offset;
+      renew_offset();
+    }
+    if (spindle_ != kept.spindle || (spindle_ != 5 && rpm_ != kept.rpm)) {
+      core_.say(ProgramStep::kSpindle, kept.spindle, kept.spindle == 5 ? 0 : kept.rpm);
+    }
+    spindle_ = kept.spindle;
+    rpm_ = kept.rpm;
+  }
+
+  /// Out of the loop of this name, or to its end for the next round.
+  void leave_loop(const std::string& name, int where, bool again) {
+    while (!loops_.empty() && loops_.back().label != name &&
+           loops_.size() > (frames_.empty() ? 0 : frames_.back().loops)) {
+      loops_.pop_back();  // loops inside
+    }
+    const bool counted = !loops_.empty() && loops_.back().label == name;
+    if (!counted && whiles_.find(name) == whiles_.end()) reject(where, "break or continue outside of its loop");
+    const std::size_t end = find(next_, name, {"ENDWHILE", "ENDREPEAT", "WHILE"});
+    next_ = again ? end : end + 1;
+    if (!again && counted) loops_.pop_back();
   }
   void flow() {
     ++p_;  // O
@@ -316,8 +380,7 @@ class WordReader {
         if (const auto old = numbers_.find(n); old != numbers_.end()) frame.saved[n] = old->second;
         numbers_[n] = static_cast<std::size_t>(n) <= arguments.size() ? arguments[static_cast<std::size_t>(n) - 1] : 0;
       }
-      frames_.push_back(std::move(frame));
-      locals_.emplace_back();
+      enter_sub(std::move(frame));
       next_ = sub->second + 1;
     } else if (take("IF")) {
       bool go = bracket(0) != 0;
@@ -364,6 +427,8 @@ class WordReader {
         next_ = loops_.back().line;
       else
         loops_.pop_back();
+    } else if (take("BREAK") || take("CONTINUE")) {
+      leave_loop(name, where, p_[-1] == 'E');
     } else {
       reject(column(), "unknown word after the O number");
     }
@@ -393,6 +458,8 @@ class WordReader {
       return;
     }
     words_ = 0;
+    polar_radius_.reset();
+    polar_angle_.reset();
     std::array<int, 16> g{}, m{};
     std::size_t gs = 0, ms = 0;
     std::uint32_t groups = 0;
@@ -412,6 +479,14 @@ class WordReader {
         continue;
       }
       const char letter = *p_;
+      if (!fanuc_ && (letter == '@' || letter == '^')) {
+        ++p_;
+        std::optional<double>& word = letter == '@' ? polar_radius_ : polar_angle_;
+        if (word) reject(where, std::string("word ") + letter + " repeated");
+        word = value();
+        polar_column_ = where;
+        continue;
+      }
       if (letter < 'A' || letter > 'Z') reject(where, "a word must begin with a letter");
       ++p_;
       point_ = true;
@@ -517,6 +592,8 @@ class WordReader {
       case 100:
       case 920:
       case 921:
+      case 922:
+      case 923:
         return fanuc_ ? -1 : 0;
       case 51:
         return fanuc_ ? 0 : -1;
@@ -547,6 +624,11 @@ class WordReader {
       case 48:
       case 49:
         return fanuc_ ? -1 : 9;
+      case 70:
+      case 71:
+      case 72:
+      case 73:
+        return fanuc_ ? -1 : 5;
       case 428:
       case 429:
         return fanuc_ ? -1 : 10;  // the trunnion configurations' remaps
@@ -570,7 +652,7 @@ class WordReader {
 
   void perform(std::pair<const int*, std::size_t> gs, std::pair<const int*, std::size_t> ms) {
     int motion = -1, length = -1, shot = -1, offset = -1, feed_mode = -1, stop = -1, spindle = -1, coolant = -1,
-        tcp = -1;
+        tcp = -1, keep = -1;
     bool change = false;
     for (std::size_t i = 0; i < gs.second; ++i) {
       const int code = gs.first[i];
@@ -627,6 +709,8 @@ class WordReader {
         coolant = code;
       else if (code >= 428)
         tcp = code == 428;
+      else if (code >= 70 && code <= 73)
+        keep = code;
     }
     if (feed_mode >= 0) {
       if ((feed_mode == 93) != inverse_time_) feed_ = 0;
@@ -712,18 +796,24 @@ class WordReader {
       for (const int axis : taken_axes()) shift_[axis] += core_.here()[axis] - target_value(axis);
       renew_offset();
       axes_taken = true;
-    } else if (shot == 921) {
+    } else if (shot == 921 || shot == 922) {
+      if (shot == 922) kept_shift_ = shift_;
+      if (shot == 921) kept_shift_ = {};
       shift_ = {};
+      renew_offset();
+    } else if (shot == 923) {
+      shift_ = kept_shift_;
       renew_offset();
     }
     if (motion >= 0) motion_ = motion;
-    const bool axes = (words_ & axis_letters_) != 0;
+    const bool axes = (words_ & axis_letters_) != 0 || polar();
     if (motion == 80) {
       if (axes) reject(1, "axis words while motion is cancelled");
     } else if (axes || (motion >= 0 && motion >= 2)) {
       if (axes_taken) reject(1, "two codes want the axis words");
       move(shot == 530, feed_here);
     }
+    if (keep >= 0) keep_modes(keep);
     if ((words_ & ~bit('N')) != 0 && !(fanuc_ && stop == 98)) {
       for (char c = 'A'; c <= 'Z'; ++c) {
         if (has(c)) reject(word_columns_[index_of(c)], std::string("word ") + c + " has no use in this block");
@@ -757,8 +847,7 @@ class WordReader {
       // Repeats return to the call with one less to do: the frames are stacked in advance.
       if (frames_.size() + static_cast<std::size_t>(repeats) > 9999) reject(1, "too many repeats");
       for (int k = 0; k < static_cast<int>(repeats); ++k) {
-        frames_.push_back({k == 0 ? next_ : i + 1, {}, loops_.size()});
-        locals_.emplace_back();
+        enter_sub({k == 0 ? next_ : i + 1, {}, loops_.size()});
       }
       next_ = i + 1;
       return;
@@ -783,6 +872,21 @@ class WordReader {
                         : axis == 3 ? core_.machine.outer.letter
                                     : core_.machine.inner.letter;
     return use(letter) * scale(axis);
+  }
+  [[nodiscard]] bool polar() const { return polar_radius_ || polar_angle_; }
+  /// X and Y of the words @ and ^ about the program's zero; under G91 they add to where the machine stands.
+  std::pair<double, double> polar_end() {
+    if (plane_ != 0) reject(polar_column_, "polar words need G17");
+    if (has('X') || has('Y')) reject(polar_column_, "polar words beside X or Y");
+    const double x = core_.here()[0], y = core_.here()[1];
+    const bool at_zero = std::hypot(x, y) < 1e-9;
+    if (at_zero && (incremental_ || !polar_angle_ || !polar_radius_)) {
+      reject(polar_column_, "at zero a polar word has no radius or angle to start from");
+    }
+    double radius = std::hypot(x, y), angle = std::atan2(y, x);
+    if (polar_radius_) radius = *polar_radius_ * unit_ + (incremental_ ? radius : 0);
+    if (polar_angle_) angle = *polar_angle_ * kRadPerDegree + (incremental_ ? angle : 0);
+    return {radius * std::cos(angle), radius * std::sin(angle)};
   }
   void set_data() {
     const double l = need('L', "G10"), p = need('P', "G10 L2");
@@ -823,6 +927,13 @@ class WordReader {
       to = core_.joints();
     }
     if (motion_ >= 81) return drill();
+    last_cycle_ = -1;
+    if (polar()) {
+      if (machine_coordinates) reject(polar_column_, "polar words name no machine coordinates");
+      const auto [x, y] = polar_end();
+      to[0] = x;
+      to[1] = y;
+    }
     for (const int axis : taken_axes()) {
       const double v = target_value(axis);
       to[static_cast<std::size_t>(axis)] =
@@ -882,8 +993,9 @@ class WordReader {
     const AxisValues from = core_.here();
     const bool fresh = motion_ != last_cycle_;
     last_cycle_ = motion_;
+    if (fresh) cycle_level_ = from[2];
     if (has('R'))
-      cycle_r_ = use('R') * unit_ + (incremental_ ? from[2] : 0);
+      cycle_r_ = use('R') * unit_ + (incremental_ ? cycle_level_ : 0);
     else if (fresh)
       reject(1, "a canned cycle needs R");
     if (has('Z'))
@@ -922,6 +1034,7 @@ class WordReader {
         core_.move(up, true, 0);
       }
       for (std::size_t i = 0; i < 5; ++i) at[i] += step[i];
+      if (polar()) std::tie(at[0], at[1]) = polar_end();
       go(core_.here()[2], true);
       go(cycle_r_, true);
       if (motion_ == 83) {
@@ -962,10 +1075,14 @@ class WordReader {
   double unit_ = 1, feed_ = 0, rpm_ = 0;
   bool incremental_ = false, centre_absolute_ = false, inverse_time_ = false, to_r_level_ = false;
   int motion_ = 0, plane_ = 0, spindle_ = 5, tool_ = 0, selected_ = 0, last_cycle_ = -1;
-  double cycle_r_ = 0, cycle_z_ = 0, cycle_q_ = 0;
+  double cycle_level_ = 0, cycle_r_ = 0, cycle_z_ = 0, cycle_q_ = 0;
   std::size_t offset_ = 0;
   std::array<AxisValues, 9> offsets_{};
-  AxisValues shift_{};
+  AxisValues shift_{}, kept_shift_{};
+  std::vector<std::optional<Modes>> saved_{1};
+  std::vector<bool> restores_{false};  ///< M73: at the subprogram's return
+  std::optional<double> polar_radius_, polar_angle_;
+  int polar_column_ = 0;
 };
 
 }  // namespace

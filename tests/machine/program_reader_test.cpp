@@ -83,6 +83,56 @@ TEST(ProgramReader, ExpressionsLoopsAndSubprograms) {
   EXPECT_NEAR(r.moves[6].programmed[2], -5, 1e-12);
 }
 
+// Radius and angle about the program's zero, absolute and added.
+TEST(ProgramReader, PolarWords) {
+  const Reading r = read("G0 X3 Y4 Z0\nG1 @10 F100\n^90\nG91 @-4 ^-90 Z1\nG90 @[2+3] ^180\nM2\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), 5U);
+  const double x[] = {3, 6, 0, 6, -5}, y[] = {4, 8, 10, 0, 0};
+  for (std::size_t i = 0; i < 5; ++i) {
+    EXPECT_NEAR(r.moves[i].programmed[0], x[i], 1e-12) << i;
+    EXPECT_NEAR(r.moves[i].programmed[1], y[i], 1e-12) << i;
+  }
+  EXPECT_EQ(r.moves[4].programmed[2], 1);
+  expect_refused("G0 X0 Y0\nG1 F100 @5\nM2\n", "no radius or angle", 2, ReaderDialect::kLinuxCnc);
+  expect_refused("G1 F100 @5 ^3 X1\nM2\n", "beside X or Y", 1, ReaderDialect::kLinuxCnc);
+  expect_refused("G18 G1 F100 @5 ^3\nM2\n", "G17", 1, ReaderDialect::kLinuxCnc);
+  expect_refused("G92 @5 ^3\nM2\n", "two codes want", 1, ReaderDialect::kLinuxCnc);
+}
+
+// M70 keeps modes, M72 brings them back, M73 does when the subprogram returns; each call has its own.
+TEST(ProgramReader, ModesAreKeptAndBroughtBack) {
+  const Reading r = read(
+      "o1 sub\nM73\nG91 G20 F5 G1 X1\no1 endsub\nG90 G21 F200 G1 X1\nM70\nG91 F50 X1\nM72\nX5\no1 call\nX7\n"
+      "G92 X0\nX1\nG92.2\nX8\nG92.3\nX2\nM2\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  const double x[] = {1, 2, 5, 30.4, 7, 8, 8, 9};  // from the machine's zero
+  const double minutes[] = {11.0 / 200, 1.0 / 50, 3.0 / 200, 25.4 / (5 * 25.4), 23.4 / 200, 1.0 / 200, 0, 1.0 / 200};
+  ASSERT_EQ(r.moves.size(), 8U);
+  for (std::size_t i = 0; i < 8; ++i) {
+    EXPECT_NEAR(r.moves[i].target[0] - r.moves[0].target[0] + 1, x[i], 1e-9) << i;
+    EXPECT_NEAR(r.moves[i].seconds, 60 * minutes[i], 1e-9) << i;
+  }
+  expect_refused("M72\nM2\n", "without modes", 1, ReaderDialect::kLinuxCnc);
+  expect_refused("M70\nM71\nM72\nM2\n", "without modes", 3, ReaderDialect::kLinuxCnc);
+  expect_refused("M73\nM2\n", "outside of a subprogram", 1, ReaderDialect::kLinuxCnc);
+}
+
+TEST(ProgramReader, LoopsAreLeftAndContinued) {
+  const Reading r = read(
+      "#1=0\no1 while [#1 lt 9]\n#1=[#1+1]\no2 if [#1 eq 2]\no1 continue\no2 endif\no3 if [#1 eq 4]\no1 break\no3 "
+      "endif\n"
+      "G0 X#1\no1 endwhile\no4 repeat [3]\nG0 Y#1\no4 break\no4 endrepeat\n#2=0\no5 do\n#2=[#2+1]\no6 repeat [2]\n"
+      "o7 if [#2 lt 3]\no5 continue\no7 endif\nG0 Z#2\no6 endrepeat\no5 while [#2 lt 3]\nM2\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_GE(r.moves.size(), 4U);
+  EXPECT_EQ(r.moves[0].programmed[0], 1);
+  EXPECT_EQ(r.moves[1].programmed[0], 3) << "2 is passed over, 4 ends it";
+  EXPECT_EQ(r.moves[2].programmed[1], 4);
+  EXPECT_EQ(r.moves[3].programmed[2], 3);
+  expect_refused("o1 break\nM2\n", "outside of its loop", 1, ReaderDialect::kLinuxCnc);
+}
+
 TEST(ProgramReader, OffsetsLengthsAndMachineCoordinates) {
   const Reading r =
       read("T3 M6 G43 H3\nG0 X1 Z2\nG10 L2 P2 X100 Y0 Z0\nG55 X1\nG53 G0 Z0\nG54 G92 X7\nG0 X8\nG92.1\nG0 X8\nM2\n");
