@@ -1,4 +1,5 @@
 #include <cmath>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -150,6 +151,26 @@ std::string faults_table(const RunFolder& folder) {
   return html;
 }
 
+/// Where a pass's program is slower than planned, or cannot be kept fed.
+void program_warnings(const json& program, const std::string& pass, const std::function<void(const std::string&)>& item) {
+  const double slowing = program.value("worst_slowing", 1.0);
+  if (program.value("slowed_moves", 0) > 0) {
+    const json& at = program.at("worst_slowing_at_mm");
+    item(pass + ": feeds are lowered in " + std::to_string(program.at("slowed_moves").get<long>()) +
+         " moves, for an axis at its limit or the control's block time; most, by a factor of " + fixed(slowing, 2) + ", at (" +
+         fixed(at.at(0), 2) + ", " + fixed(at.at(1), 2) + ", " + fixed(at.at(2), 2) + ") mm.");
+  }
+  if (const long rewinds = program.value("rewinds", 0L); rewinds > 0) {
+    item(pass + ": the tool leaves the cut " + std::to_string(rewinds) + " times because a rotary axis is at its limit.");
+  }
+  if (program.value("worst_rounding", 1.0) > 1.01) {
+    item(pass + ": the control's whole milliseconds make blocks up to " + fixed(program.at("worst_rounding"), 2) +
+         " times as long, " + fixed(program.at("rounding_s"), 1) + " s in all; tool-centre-point control has no such loss.");
+  }
+  const std::string remedy = program.value("/data_rate/remedy"_json_pointer, "");
+  if (!remedy.empty()) item(pass + ": " + remedy + ".");
+}
+
 std::string warnings_box(const json& report) {
   std::string items;
   const auto item = [&](const std::string& text) { items += "<li>" + escaped(text) + "</li>\n"; };
@@ -174,6 +195,10 @@ std::string warnings_box(const json& report) {
     item("The finishing ball cannot reach " + number_at(report, "/cam/reachable/unreachable_area_mm2", 1) + " mm² (" +
          fixed(100 * report.at("/cam/reachable/unreachable_share"_json_pointer).get<double>(), 2) + " % of the lens; creases that are hollower than the ball); up to " +
          number_at(report, "/cam/reachable/max_residue_um", 1) + " µm of material stay there; the picture \"Out of the ball's reach\" shows where.");
+  }
+  for (const char* pass : kPassNames) {
+    const json::json_pointer at(std::string("/postproc/") + pass);
+    if (report.contains(at)) program_warnings(report.at(at), pass, item);
   }
   item("Cutting data comes from tables and arithmetic and is untested on the machine.");
   return "<h2>Before you mill</h2>\n<div class=warn><ul>\n" + items + "</ul></div>\n";

@@ -70,6 +70,9 @@ TEST(Controllers, EveryMachineAndDialectRunsTheWholeJob) {
         if (arcs && axis != "lead_tilt") {
           EXPECT_GT(finish["arcs"]["bytes_saved"], 0) << what;
         }
+        if (finish["slowed_moves"] > 0) {
+          EXPECT_NE(slurp(folder / "out/report.html").find("finish: feeds are lowered in"), std::string::npos) << what;
+        }
         EXPECT_EQ(report["dry_run"]["faults"], 0) << what;
         EXPECT_LT(report["dry_run"]["max_gouge_um"], 0.6) << what;
         EXPECT_LT(report["dry_run"]["max_cusp_um"], 5) << what;  // planned 4
