@@ -116,16 +116,6 @@ std::vector<std::string> write_color_mask(const Job& job, const RunFolder& folde
   return {"design/color_mask.png", "design/color_mask.svg", "design/caustic_colour.png"};
 }
 
-/// The power diagram of a quarter of the samples, whose cells are large enough to be seen [paper fig. 11].
-void write_quarter_diagram(const Job& job, const RunFolder& folder, const SourceLight& source, const TargetLight& target) {
-  constexpr int kMostSeen = 16384;
-  TransportOptions options = job.transport;
-  options.samples = std::clamp(options.samples / 4, 64, kMostSeen);
-  options.l1_tolerance = std::max(options.l1_tolerance, 1e-3);
-  options.max_tolerance = std::max(options.max_tolerance, 0.1);
-  write_cells_picture(folder.file("design/cells.png"), solve_transport(source, target, options), target.extent, job.receiver.viewed_from);
-}
-
 }  // namespace
 
 TargetLight target_of(const Job& job) { return load_target(job.target); }
@@ -171,7 +161,7 @@ StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor
   const double full_scale = write_target_pictures(job, folder, target);
   write_map(folder, map);
   write_samples_picture(folder.file("design/samples.png"), map, lit, target.extent, job.receiver.viewed_from);
-  write_quarter_diagram(job, folder, source, target);
+  write_cells_picture(folder.file("design/cells.png"), map, target.extent, job.receiver.viewed_from);
 
   const TransportSummary& s = map.summary;
   StageResult result;

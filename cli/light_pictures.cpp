@@ -127,7 +127,7 @@ void write_cells_picture(const std::filesystem::path& path, const TransportMap& 
   const auto [width, height] = pixels_of(picture, kPixels);
   const ReceiverView view_of{picture, width, height, viewed_from};
   Canvas canvas(width, height, kPaper);
-  for (const auto& border : power_cell_borders(map, picture)) canvas.line(view_of(border[0]), view_of(border[1]), kInk);
+  for (const auto& border : power_cell_borders(map.seen_sites_mm, map.seen_weights_mm2, picture)) canvas.line(view_of(border[0]), view_of(border[1]), kInk);
   canvas.write(path);
 }
 

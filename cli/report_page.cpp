@@ -239,7 +239,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   html += picture(folder, "design/checkerboard.png", "Checkerboard through the lens",
                   "a board of 20 squares on the wall, seen through the lens; blue: beside the picture");
   html += picture(folder, "design/cells.png", "Power diagram",
-                  "each cell receives the same light; a quarter of the samples, at most 16,384, so that cells can be seen");
+                  "each cell receives the same light; the solver's finest level of at most 20,000 samples, so that cells can be seen");
   html += "</div>\n<div class=pictures style=\"margin-top:14px\">\n";
   html += picture(folder, "design/samples.png", "Samples on their way", "regularly placed on the lens (left), a third and two thirds of the way, and in the picture (right)");
   html += "</div>\n";
@@ -332,7 +332,7 @@ std::string gallery_page(const std::vector<std::filesystem::path>& folders, cons
                                        {"curvature.png", "Curvature", false},
                                        {"checkerboard.png", "Checkerboard through the lens", false},
                                        {"color_mask.png", "Colour mask", false},
-                                       {"cells.png", "Power diagram, a quarter of the samples", false},
+                                       {"cells.png", "Power diagram, at most 20,000 samples", false},
                                        {"samples.png", "Samples on their way", false},
                                        {"heights.png", "Height", false}};
   std::string html = "<!doctype html><html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width\"><title>Lightmill gallery</title>\n<style>" +

@@ -23,17 +23,18 @@ std::vector<double> mean_curvatures(const SurfaceMesh& mesh) {
   return curvatures;
 }
 
-std::vector<std::array<Vec2, 2>> power_cell_borders(const TransportMap& map, const Box2& box) {
+std::vector<std::array<Vec2, 2>> power_cell_borders(const std::vector<Vec2>& sites_mm, const std::vector<double>& weights_mm2,
+                                                    const Box2& box) {
   double reach = std::max(box.min.norm(), box.max.norm()) * 2;
-  std::vector<double> psi(map.sites_mm.size());
+  std::vector<double> psi(sites_mm.size());
   for (std::size_t i = 0; i < psi.size(); ++i) {
-    psi[i] = (map.sites_mm[i].squaredNorm() - map.weights_mm2[i]) / 2;
-    reach = std::max(reach, map.sites_mm[i].norm());
+    psi[i] = (sites_mm[i].squaredNorm() - weights_mm2[i]) / 2;
+    reach = std::max(reach, sites_mm[i].norm());
   }
-  const detail::PowerDiagram diagram = detail::PowerDiagramBuilder(map.sites_mm, reach).build(psi);
+  const detail::PowerDiagram diagram = detail::PowerDiagramBuilder(sites_mm, reach).build(psi);
   std::vector<std::array<Vec2, 2>> borders;
   for (const detail::DualEdge& edge : diagram.edges) {
-    if (std::max(edge.a, edge.b) >= static_cast<int>(map.sites_mm.size())) continue;
+    if (std::max(edge.a, edge.b) >= static_cast<int>(sites_mm.size())) continue;
     // Cut by the box, side by side [Liang and Barsky 1984].
     const Vec2 from = diagram.vertices[edge.from];
     const Vec2 along = diagram.vertices[edge.to] - from;

@@ -13,7 +13,8 @@ namespace lightmill {
 std::vector<double> mean_curvatures(const SurfaceMesh& mesh);
 
 /// The borders between the map's power cells, cut off where they leave `box`.
-std::vector<std::array<Vec2, 2>> power_cell_borders(const TransportMap& map, const Box2& box);
+std::vector<std::array<Vec2, 2>> power_cell_borders(const std::vector<Vec2>& sites_mm, const std::vector<double>& weights_mm2,
+                                                    const Box2& box);
 
 /// The sample whose source centroid is nearest to each place.
 std::vector<int> nearest_samples(const TransportMap& map, const std::vector<Vec2>& places_mm);

@@ -649,6 +649,14 @@ TransportMap detail::solve_sampled(const std::vector<Sampling>& samplings, const
     }
     share_done = share_then;
     psi = result->psi;
+    if (n <= TransportMap::kMostSeen || map.seen_sites_mm.empty()) {
+      map.seen_sites_mm.clear();
+      map.seen_weights_mm2.clear();
+      for (int i = 0; i < n; ++i) {
+        map.seen_sites_mm.emplace_back(sampling.sites[i] + sampling.centre);
+        map.seen_weights_mm2.push_back(map.seen_sites_mm[i].squaredNorm() - 2 * (psi[i] + spread.mean.dot(sampling.sites[i])));
+      }
+    }
     if (!finest && singular) {
       psi = solver.extrapolated(*result, start_radius(samplings[level - 1]));
     }

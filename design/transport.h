@@ -63,6 +63,10 @@ struct TransportMap {
   std::vector<double> target_masses;        ///< mu_T(C_i^w), sum 1
   std::vector<double> weights_mm2;          ///< potentials of the power cells
   std::vector<Vec2> target_centroids_mm;
+  /// The finest level of at most kMostSeen samples, or the coarsest: a power diagram whose cells the eye can tell apart.
+  std::vector<Vec2> seen_sites_mm;
+  std::vector<double> seen_weights_mm2;
+  static constexpr int kMostSeen = 20000;
   TransportSummary summary;
 };
 

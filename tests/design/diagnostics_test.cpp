@@ -40,7 +40,7 @@ TransportMap random_map(unsigned seed) {
 TEST(Diagnostics, OnABorderTwoCellsPowersAreEqualAndTheLeast) {
   const TransportMap map = random_map(5);
   const Box2 box{{-25, -15}, {20, 18}};
-  const auto borders = power_cell_borders(map, box);
+  const auto borders = power_cell_borders(map.sites_mm, map.weights_mm2, box);
   EXPECT_GT(borders.size(), 100u);
   for (const auto& border : borders) {
     for (const Vec2& end : border) {

@@ -46,6 +46,9 @@ TEST(Transport, UniformToUniformMovesNothing) {
   const TransportMap map = solve_transport(source, target, options);
   expect_sound(map, options);
   EXPECT_EQ(map.summary.samples, 48 * 32);
+  // So few cells that the eye can tell them apart.
+  EXPECT_EQ(map.seen_sites_mm, map.sites_mm);
+  EXPECT_EQ(map.seen_weights_mm2, map.weights_mm2);
   for (std::size_t i = 0; i < map.sites_mm.size(); ++i) {
     EXPECT_LT((map.target_centroids_mm[i] - map.sites_mm[i]).norm(), 1e-6);
     EXPECT_NEAR(map.weights_mm2[i] - map.weights_mm2[0], 0, 1e-5);
