@@ -46,10 +46,11 @@ BasePoint image_at(const Base& base, const Vec2& place) {
   return {(1 - v) * ((1 - u) * h00 + u * h10) + v * ((1 - u) * h01 + u * h11), Vec3(-dx, -dy, 1).normalized()};
 }
 
-BasePoint mesh_at(const SurfaceMesh& mesh, const Vec2& place) {
+BasePoint mesh_at(const SurfaceMesh& mesh, const detail::TriangleBuckets& triangles, const Vec2& place) {
   const auto cross = [](const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); };
   constexpr double kBeside = 1e-9;  // of a triangle's height: rounding on its edges
-  for (const auto& t : mesh.triangles) {
+  for (const int k : triangles.near(place)) {
+    const auto& t = mesh.triangles[k];
     const Vec2 a = mesh.vertices[t[0]].head<2>();
     const Vec2 b = mesh.vertices[t[1]].head<2>();
     const Vec2 c = mesh.vertices[t[2]].head<2>();
@@ -67,20 +68,27 @@ BasePoint mesh_at(const SurfaceMesh& mesh, const Vec2& place) {
 
 }  // namespace
 
-BasePoint base_at(const Base& base, const Vec2& place_mm) {
-  switch (base.kind) {
+BaseSurface::BaseSurface(const Base& base) : base_(base) {
+  if (base.kind != Base::Kind::kMesh) return;
+  std::vector<Vec2> points;
+  for (const Vec3& v : base.mesh.vertices) points.emplace_back(v.head<2>());
+  triangles_ = {points, base.mesh.triangles};
+}
+
+BasePoint BaseSurface::at(const Vec2& place_mm) const {
+  switch (base_.kind) {
     case Base::Kind::kFlat:
       break;
     case Base::Kind::kSphere:
-      return arc(base.radius_mm, place_mm, place_mm);
+      return arc(base_.radius_mm, place_mm, place_mm);
     case Base::Kind::kCylinder: {
-      const Vec2 across(-std::sin(base.axis_rad), std::cos(base.axis_rad));
-      return arc(base.radius_mm, across * across.dot(place_mm), place_mm);
+      const Vec2 across(-std::sin(base_.axis_rad), std::cos(base_.axis_rad));
+      return arc(base_.radius_mm, across * across.dot(place_mm), place_mm);
     }
     case Base::Kind::kImage:
-      return image_at(base, place_mm);
+      return image_at(base_, place_mm);
     case Base::Kind::kMesh:
-      return mesh_at(base.mesh, place_mm);
+      return mesh_at(base_.mesh, triangles_, place_mm);
   }
   return {};
 }

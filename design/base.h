@@ -3,6 +3,7 @@
 
 #include "design/core/geometry.h"
 #include "design/core/grid.h"
+#include "design/detail/triangle_buckets.h"
 #include "design/mesh.h"
 
 namespace lightmill {
@@ -24,7 +25,16 @@ struct BasePoint {
   Vec3 normal = Vec3::UnitZ();  ///< unit, towards the exit
 };
 
-/// The base at a place. Throws InputError where there is none (beyond a sphere's equator, beside a mesh).
-BasePoint base_at(const Base& base, const Vec2& place_mm);
+/// A base prepared for look-ups; `base` must outlive it.
+class BaseSurface {
+ public:
+  explicit BaseSurface(const Base& base);
+  /// Throws InputError where there is none (beyond a sphere's equator, beside a mesh).
+  [[nodiscard]] BasePoint at(const Vec2& place_mm) const;
+
+ private:
+  const Base& base_;
+  detail::TriangleBuckets triangles_;  ///< of a mesh
+};
 
 }  // namespace lightmill

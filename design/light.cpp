@@ -59,7 +59,6 @@ Illumination::Illumination(const Light& light, const Lens& lens)
     inside_.push_back(refracted_at_back(d, index_));
     entries_.emplace_back(p.head<2>() - p.z() / d.z() * d.head<2>());
     landed_.emplace_back(entries_[v] + reference_mm_ / inside_[v].z() * inside_[v].head<2>());
-    landed_box_.include(landed_[v]);
   }
   for (const auto& t : mesh.triangles) {
     const double before = (mesh.positions_mm[t[1]] - mesh.positions_mm[t[0]])
@@ -85,20 +84,7 @@ Illumination::Illumination(const Light& light, const Lens& lens)
   }
   for (const auto& [edge, triangle] : single) rim_.push_back({edge.first, edge.second, triangle});
   if (rim_.empty()) throw InputError("light.mesh: all of its light lands on a line; spread its directions or its vertices");
-  side_ = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(mesh.triangles.size()) / 2)));
-  buckets_.resize(static_cast<std::size_t>(side_) * side_);
-  const Vec2 pitch = landed_box_.size().cwiseMax(1e-9) / side_;
-  for (std::size_t k = 0; k < mesh.triangles.size(); ++k) {
-    Box2 box;
-    for (const int v : mesh.triangles[k]) box.include(landed_[v]);
-    const auto bucket = [&](const Vec2& p, int axis) {
-      return std::clamp(static_cast<int>((p[axis] - landed_box_.min[axis]) / pitch[axis]), 0, side_ - 1);
-    };
-    for (int j = bucket(box.min, 1); j <= bucket(box.max, 1); ++j) {
-      for (int i = bucket(box.min, 0); i <= bucket(box.max, 0); ++i)
-        buckets_[static_cast<std::size_t>(j) * side_ + i].push_back(static_cast<int>(k));
-    }
-  }
+  buckets_ = {landed_, mesh.triangles};
 }
 
 double Illumination::profile(const Vec2& entry) const {
@@ -166,11 +152,8 @@ int Illumination::triangle_at(const Vec2& place, Vec3& weights) const {
     weights[0] = 1 - weights[1] - weights[2];
     return true;
   };
-  if (landed_box_.contains(place)) {
-    const Vec2 pitch = landed_box_.size().cwiseMax(1e-9) / side_;
-    const int i = std::clamp(static_cast<int>((place.x() - landed_box_.min.x()) / pitch.x()), 0, side_ - 1);
-    const int j = std::clamp(static_cast<int>((place.y() - landed_box_.min.y()) / pitch.y()), 0, side_ - 1);
-    for (const int k : buckets_[static_cast<std::size_t>(j) * side_ + i]) {
+  if (buckets_.box().contains(place)) {
+    for (const int k : buckets_.near(place)) {
       if (weigh(k) && weights.minCoeff() >= kBeside) return k;
     }
   }

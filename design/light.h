@@ -6,6 +6,7 @@
 
 #include "design/core/geometry.h"
 #include "design/core/grid.h"
+#include "design/detail/triangle_buckets.h"
 #include "design/optics.h"
 
 namespace lightmill {
@@ -69,9 +70,7 @@ class Illumination {
     int from, to, triangle;
   };
   std::vector<RimEdge> rim_;
-  Box2 landed_box_;
-  int side_ = 0;
-  std::vector<std::vector<int>> buckets_;
+  detail::TriangleBuckets buckets_;
 };
 
 }  // namespace lightmill

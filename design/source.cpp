@@ -99,10 +99,11 @@ TracedSource trace_source(const Lens& lens, const Light& light, const Receiver& 
   const detail::PlanarMesh plane = lens_mesh(lens, resolution);
   if (plane.triangles.empty()) throw InputError("lens.outline encloses nothing; draw a closed, filled shape");
   const std::size_t count = plane.vertices.size();
+  const BaseSurface base_surface(lens.base);
   std::vector<BasePoint> base(count);
   double lowest = std::numeric_limits<double>::infinity();
   for (std::size_t v = 0; v < count; ++v) {
-    base[v] = base_at(lens.base, plane.vertices[v]);
+    base[v] = base_surface.at(plane.vertices[v]);
     lowest = std::min(lowest, base[v].height_mm);
   }
 

@@ -581,8 +581,9 @@ void close_picture_loop(const TargetLight& picture, int turns, const Lens& lens,
 /// Heights over the lens, lowest 0, of the base that the surface starts from.
 std::vector<double> base_heights(const Lens& lens, const std::vector<Vec3>& vertices, double& floor) {
   std::vector<double> heights(vertices.size());
+  const BaseSurface base(lens.base);
   parallel_blocks(vertices.size(), 4096, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t v = begin; v < end; ++v) heights[v] = base_at(lens.base, vertices[v].head<2>()).height_mm;
+    for (std::size_t v = begin; v < end; ++v) heights[v] = base.at(vertices[v].head<2>()).height_mm;
   });
   floor = *std::min_element(heights.begin(), heights.end());
   for (double& h : heights) h -= floor;

@@ -9,6 +9,7 @@ namespace lightmill::detail {
 
 LitBase::LitBase(const Lens& lens, const Light& light, const Receiver& receiver, double base_floor_mm)
     : lens_(lens),
+      base_(lens.base),
       illumination_(light, lens),
       frame_(receiver_frame(lens, receiver)),
       box_(Box2::centred(lens.size_mm)),
@@ -17,7 +18,7 @@ LitBase::LitBase(const Lens& lens, const Light& light, const Receiver& receiver,
 /// Slanted rays leave the lens's box between the base and the relief: there the base goes on along its tangent.
 BasePoint LitBase::base_beyond(const Vec2& place) const {
   const Vec2 inside = place.cwiseMax(box_.min).cwiseMin(box_.max);
-  BasePoint point = base_at(lens_.base, inside);
+  BasePoint point = base_.at(inside);
   point.height_mm -= point.normal.head<2>().dot(place - inside) / point.normal.z();
   return point;
 }

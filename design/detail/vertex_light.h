@@ -27,6 +27,7 @@ class LitBase {
   [[nodiscard]] BasePoint base_beyond(const Vec2& place_mm) const;
 
   const Lens& lens_;
+  BaseSurface base_;
   Illumination illumination_;
   ReceiverFrame frame_;
   Box2 box_;
