@@ -27,6 +27,7 @@ constexpr std::array kSections = {"job",   "target",      "lens",   "light",   "
 /// In the order of their enumerations.
 const std::vector<std::string_view> kBases{"flat", "sphere", "cylinder", "image", "mesh"};
 const std::vector<std::string_view> kLights{"parallel", "point", "mesh"};
+const std::vector<std::string_view> kSurfaceSolvers{"creases", "everywhere", "height_field"};
 const std::vector<std::string_view> kProfiles{"uniform", "gaussian", "image"};
 
 /// Refuses what the design foresees and this version cannot do, in words that say so.
@@ -170,10 +171,13 @@ void read_transport(TomlTable table, Job& job) {
 void read_surface(TomlTable table, Job& job) {
   SurfaceOptions& o = job.surface;
   o.mesh = table.integer_in("mesh", o.mesh, 5, 8193);
+  const std::string solver = table.choice("solver", "creases", kSurfaceSolvers);
+  o.solver = static_cast<SurfaceSolver>(std::find(kSurfaceSolvers.begin(), kSurfaceSolvers.end(), solver) - kSurfaceSolvers.begin());
   o.outer_iterations = table.integer_in("outer_iterations", o.outer_iterations, 1, 1000);
   o.picture_turns = table.integer_in("picture_turns", o.picture_turns, 0, 100);
   o.height_tolerance_mm = table.number_in("height_tolerance_um", o.height_tolerance_mm * 1000, 0, 1000) / 1000;
   o.min_concave_radius_mm = positive(table, "min_concave_radius_mm", o.min_concave_radius_mm, 10000);
+  o.limit_hollows = table.boolean("limit_hollows", o.limit_hollows);
   TomlTable weights = table.table("weights");
   o.weights.integration = positive(weights, "integration", o.weights.integration);
   o.weights.barrier = weights.number_in("barrier", o.weights.barrier, 0, 1e9);
@@ -507,11 +511,13 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                               .put("seed", static_cast<int>(job.transport.seed));
   const SurfaceWeights& w = job.surface.weights;
   sections["surface"] = std::string(Section()
+                                        .put("solver", std::string(kSurfaceSolvers[static_cast<std::size_t>(job.surface.solver)]))
                                         .put("mesh", job.surface.mesh)
                                         .put("outer_iterations", job.surface.outer_iterations)
                                         .put("picture_turns", job.surface.picture_turns)
                                         .put("height_tolerance_um", job.surface.height_tolerance_mm * 1000)
-                                        .put("min_concave_radius_mm", job.surface.min_concave_radius_mm)) +
+                                        .put("min_concave_radius_mm", job.surface.min_concave_radius_mm)
+                                        .put("limit_hollows", job.surface.limit_hollows)) +
                         "weights = { integration = " + Section::number(w.integration) + ", barrier = " + Section::number(w.barrier) +
                         ", direction = " + Section::number(w.direction) + ", flux = " + Section::number(w.flux) +
                         ", smoothness = " + Section::number(w.smoothness) + " }\n";

@@ -16,6 +16,7 @@
 #include "design/detail/creases.h"
 #include "design/detail/fresnel.h"
 #include "design/detail/height_field.h"
+#include "design/detail/hollow_limit.h"
 #include "design/detail/map_interpolation.h"
 #include "design/detail/near_border.h"
 #include "design/detail/one_ring.h"
@@ -499,16 +500,28 @@ void take_aim(const detail::LitBase& base, const TargetFunction& target, const s
   if (moved) aim.light = std::move(light);
 }
 
+/// Normals of vertices at `positions` that aim at `targets`, without sharp hollows if the options say so.
+std::vector<Vec3> wanted_normals(const std::vector<Vec3>& positions, const Aim& aim, const std::vector<Vec2>& targets,
+                                 const HeightIntegrator& integrator, const Lens& lens, const Receiver& receiver,
+                                 const SurfaceOptions& options) {
+  std::vector<Vec3> normals = detail::fresnel_normals(positions, aim.directions, targets, lens, receiver);
+  if (!options.limit_hollows) return normals;
+  const std::vector<Vec2> slopes = detail::limited_hollows(detail::slopes_of(normals), positions, integrator.edges(), aim.creases,
+                                                           options.min_concave_radius_mm);
+  for (std::size_t v = 0; v < normals.size(); ++v) normals[v] = Vec3(-slopes[v].x(), -slopes[v].y(), 1).normalized();
+  return normals;
+}
+
 /// What the normals of the energy's vertices shall be when they stand at `positions` and aim at `targets`.
 void set_targets(CompoundEnergy& energy, const std::vector<Vec3>& positions, const Aim& aim, const std::vector<Vec2>& targets,
-                 const Lens& lens, const Receiver& receiver) {
-  const std::vector<Vec3> wanted = detail::fresnel_normals(positions, aim.directions, targets, lens, receiver);
+                 const HeightIntegrator& integrator, const Lens& lens, const Receiver& receiver, const SurfaceOptions& options) {
+  const std::vector<Vec3> wanted = wanted_normals(positions, aim, targets, integrator, lens, receiver, options);
   energy.target_normals = ring_targets(wanted, positions, energy.rings, aim.creases);
   energy.target_slopes = detail::slopes_of(wanted);
 }
 
 /// Targets are corrected by what the surface paints, and heights follow, as long as that brings the picture closer.
-void close_picture_loop(const TargetLight& picture, int turns, const Lens& lens, const Receiver& receiver,
+void close_picture_loop(const TargetLight& picture, const SurfaceOptions& options, const Lens& lens, const Receiver& receiver,
                         const detail::LitBase& base, const Aim& aim, const HeightIntegrator& integrator, CompoundEnergy& energy,
                         OpticalSurface& surface, const Monitor& monitor) {
   constexpr int kLeastPixels = 256;         // as the measures
@@ -546,6 +559,7 @@ void close_picture_loop(const TargetLight& picture, int turns, const Lens& lens,
     return result;
   };
 
+  const int turns = options.picture_turns;
   std::vector<Vec2> ends = landed();
   detail::PictureLoop::Errors errors = loop.errors(ends);
   std::vector<double>& history = surface.summary.picture_errors;
@@ -557,7 +571,7 @@ void close_picture_loop(const TargetLight& picture, int turns, const Lens& lens,
     const std::vector<Vec2> targets_before = surface.targets_mm;
     const std::vector<Vec2> moves = loop.moves(errors, ends);
     for (std::size_t v = 0; v < count; ++v) surface.targets_mm[v] += share * moves[v];
-    set_targets(energy, positions, aim, surface.targets_mm, lens, receiver);
+    set_targets(energy, positions, aim, surface.targets_mm, integrator, lens, receiver, options);
     detail::settle_heights(energy, integrator, kRoughTolerance, positions,
                            monitor.part(static_cast<double>(turn) / turns, (turn + 1.0) / turns));
     put_on_floor(positions, lens.thickness_mm);
@@ -620,7 +634,8 @@ OpticalSurface solve(const Lens& lens, const Light& light, const Receiver& recei
     for (int turn = 0; turn < kFirstGuessTurns; ++turn) {
       monitor.check();
       take_aim(base, target, rings, positions, may_crease, aim);
-      slopes = detail::slopes_of(detail::fresnel_normals(positions, aim.directions, aim.targets_mm, lens, receiver));
+      slopes = detail::slopes_of(
+          wanted_normals(positions, aim, aim.targets_mm, *integrator, lens, receiver, options));
       const std::vector<double> heights = integrator->integrate(slopes, aim.creases);
       double change = 0;
       for (std::size_t v = 0; v < count; ++v) {
@@ -663,10 +678,10 @@ OpticalSurface solve(const Lens& lens, const Light& light, const Receiver& recei
         monitor.part(0.1 + 0.9 * turn / options.outer_iterations, 0.1 + 0.9 * (turn + 1) / options.outer_iterations);
     const bool last = turn + 1 == options.outer_iterations;
     if (last && picture != nullptr && options.picture_turns > 0) {
-      close_picture_loop(*picture, options.picture_turns, lens, receiver, base, aim, *integrator, energy, surface,
+      close_picture_loop(*picture, options, lens, receiver, base, aim, *integrator, energy, surface,
                          part.part(0, 0.7));
     }
-    set_targets(energy, positions, aim, surface.targets_mm, lens, receiver);
+    set_targets(energy, positions, aim, surface.targets_mm, *integrator, lens, receiver, options);
     const std::vector<Vec3> before = positions;
     detail::MinimiserReport report;
     // The first turn brings the heights to rest. What is wrong then, only sliding can mend; it is damped, so that the

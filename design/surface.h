@@ -37,6 +37,7 @@ struct SurfaceOptions {
   int picture_turns = 4;          ///< at most this many corrections by the predicted picture, where one is given; 0: none
   double height_tolerance_mm = 2e-5;  ///< stop when no vertex's height changes by more in a turn
   double min_concave_radius_mm = 2;   ///< what a finishing ball can reach: sharper hollows are reported
+  bool limit_hollows = false;         ///< and slopes are asked for that make none, creases apart; their light goes astray
 };
 
 struct SurfaceSummary {

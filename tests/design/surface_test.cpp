@@ -607,6 +607,32 @@ TEST(SolveSurface, CorrectionsBringThePredictedPictureCloser) {
   EXPECT_LT(errors[1], 0.8 * errors[0]);
 }
 
+TEST(SolveSurface, HollowsCanBeKeptFromGettingTooSharp) {
+  // Light drawn apart ever more towards a line: a valley without a crease.
+  Lens lens;
+  lens.size_mm = {40, 30};
+  const auto valley = [](const std::vector<Vec2>& places) {
+    std::vector<Vec2> targets;
+    for (const Vec2& p : places) targets.emplace_back(p.x() + 12 * std::tanh(p.x() / 4), 1.1 * p.y());
+    return targets;
+  };
+  SurfaceOptions options;
+  options.mesh = 81;
+  options.min_concave_radius_mm = 100;  // the valley's bottom has 49 mm
+  const OpticalSurface sharp = solve_surface(lens, {}, {}, valley, options);
+  EXPECT_NEAR(sharp.summary.min_concave_radius_mm, 49, 3);
+  EXPECT_GT(sharp.summary.sharper_area_share, 0.1);
+  options.limit_hollows = true;
+  const OpticalSurface limited = solve_surface(lens, {}, {}, valley, options);
+  EXPECT_GT(limited.summary.min_concave_radius_mm, 95);
+  EXPECT_LT(limited.summary.sharper_area_share, 0.2 * sharp.summary.sharper_area_share);
+  // Far from the valley the light still goes where it shall.
+  for (std::size_t v = 0; v < limited.mesh.vertices.size(); ++v) {
+    if (std::abs(limited.mesh.vertices[v].x()) < 14) continue;
+    EXPECT_LT((limited.mesh.normals[v] - sharp.mesh.normals[v]).norm(), 2e-3);
+  }
+}
+
 TEST(SolveSurface, DoesNotDependOnTheThreadCount) {
   Lens lens;
   lens.size_mm = {30, 20};
