@@ -1,5 +1,7 @@
-// The paper's five set-ups: paper_bench [portrait|rings|brain|logo|photo]... [--scale K] [--out DIR]
-// At full size, or with a mesh K times coarser and K^2 times fewer samples.
+// The paper's five set-ups: paper_bench [portrait|rings|brain|logo|photo]... [--scale K] [--smooth]
+// [--out DIR]
+// At full size, or with a mesh K times coarser and K^2 times fewer samples. --smooth: height fields without creases, and
+// without corrections by the picture, in folders of their own.
 // Designs each with the lightmill command in a process of its own and prints a row of the README's table per set-up;
 // run folders stay in DIR (default: paper in the temporary folder), for `lightmill gallery`.
 #include <sys/resource.h>
@@ -52,12 +54,15 @@ int main(int argc, char** argv) {
   std::vector<std::string> names;
   fs::path out = fs::temp_directory_path() / "paper";
   int scale = 1;
+  bool smooth = false;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
     if (word == "--out" && i + 1 < argc) {
       out = argv[++i];
     } else if (word == "--scale" && i + 1 < argc) {
       scale = std::max(1, std::atoi(argv[++i]));
+    } else if (word == "--smooth") {
+      smooth = true;
     } else {
       names.push_back(word);
     }
@@ -68,12 +73,18 @@ int main(int argc, char** argv) {
   std::printf("|---|---|---|---|---|---|---|---|---|\n");
   int failures = 0;
   for (const std::string& name : names) {
-    const fs::path folder = out / ("paper_" + name);
+    const std::string title = "paper_" + name + (smooth ? "_smooth" : "");
+    const fs::path folder = out / title;
     fs::remove_all(folder);
     lightmill::Job job = lightmill::read_job(std::string(LIGHTMILL_FIXTURES) + "/jobs/paper_" + name + ".toml");
     job.transport.samples /= scale * scale;
     job.surface.mesh = (job.surface.mesh - 1) / scale + 1;
-    const fs::path file = out / ("paper_" + name + ".toml");
+    job.name = title;
+    if (smooth) {
+      job.surface.solver = lightmill::SurfaceSolver::kHeightField;
+      job.surface.picture_turns = 0;
+    }
+    const fs::path file = out / (title + ".toml");
     lightmill::write_whole(file, lightmill::resolved_toml(job));
     const Cost cost = design(file.string(), folder.string());
     if (!cost.done) {
