@@ -326,6 +326,64 @@ ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const 
   return Planner(surface, blank, ball, options).plan(monitor);
 }
 
+ContactSummary contact_summary(const SplineSurface& surface, const ToolPath& path, const FinishOptions& options) {
+  constexpr int kEvery = 20;
+  const double radius = path.cutter.radius_mm();
+  const detail::BallContact ball(surface, radius + options.allowance_mm, 2 * radius + options.allowance_mm + 1);
+  std::optional<OutlineRegion> within;
+  if (options.outline) within.emplace(*options.outline, 0);
+  ContactSummary result;
+  result.least_angle_rad = kPi;
+  int count = 0;
+  for (std::size_t k = 1; k < path.moves.size(); ++k) {
+    if (path.moves[k].kind != MoveKind::kCut) continue;
+    result.cutting_mm += (path.moves[k].pose.tip_mm - path.moves[k - 1].pose.tip_mm).norm();
+    const Vec3& axis = path.moves[k].pose.axis;
+    const bool measured = count++ % kEvery == 0;
+    const Vec3 centre = path.moves[k].pose.tip_mm + radius * axis;
+    if (!measured) continue;
+    const detail::Contact contact = ball.at(centre.x(), centre.y());
+    if (within ? !within->contains(contact.point) : !surface.extent().contains(contact.point)) continue;
+    const Vec3 normal = Vec3(-contact.slope.x(), -contact.slope.y(), 1).normalized();
+    const double angle = std::acos(std::clamp(axis.dot(normal), -1.0, 1.0));
+    result.least_angle_rad = std::min(result.least_angle_rad, angle);
+    result.most_angle_rad = std::max(result.most_angle_rad, angle);
+  }
+  const auto speed = [&](double angle) { return 2 * kPi * radius * path.spindle_rpm * std::sin(angle) / 1000; };
+  result.least_angle_rad = std::min(result.least_angle_rad, result.most_angle_rad);
+  result.slowest_m_per_min = speed(result.least_angle_rad);
+  result.fastest_m_per_min = speed(result.most_angle_rad);
+  return result;
+}
+
+double blur_on_screen_mm(double radius_mm, double cusp_um, double distance_mm, double refractive_index, double polish_sigma_mm) {
+  // y^2 / 2 R between contacts s apart is a sum of cosines; the slope of the k-th has the amplitude s / (pi k R).
+  const double stepover = detail::flat_stepover_mm(radius_mm, cusp_um * 1e-3);
+  constexpr int kHarmonics = 200;
+  double square = 0;
+  for (int k = 1; k <= kHarmonics; ++k) {
+    const double kept = std::exp(-0.5 * std::pow(2 * kPi * k * polish_sigma_mm / stepover, 2));
+    square += 0.5 * std::pow(stepover / (kPi * k * radius_mm) * kept, 2);
+  }
+  return (refractive_index - 1) * distance_mm * std::sqrt(square);
+}
+
+double cusp_for_blur_um(double radius_mm, double blur_mm, double distance_mm, double refractive_index, double polish_sigma_mm) {
+  constexpr double kLeastUm = 0.01, kMostUm = 100;
+  const auto blur = [&](double cusp_um) { return blur_on_screen_mm(radius_mm, cusp_um, distance_mm, refractive_index, polish_sigma_mm); };
+  if (!(blur(kLeastUm) <= blur_mm)) {
+    throw InputError("finish.blur_mm = " + compact(blur_mm, 6) + ": even cusps of 0.01 um blur the picture by " + compact(blur(kLeastUm), 4) +
+                     " mm; allow more, polish more (dry_run.polish_sigma_um), or move the wall nearer");
+  }
+  double low = kLeastUm, high = kMostUm;
+  if (blur(high) <= blur_mm) return high;
+  for (int k = 0; k < 60; ++k) {
+    const double middle = std::sqrt(low * high);
+    (blur(middle) <= blur_mm ? low : high) = middle;
+  }
+  return low;
+}
+
 double ball_centre_height(const SplineSurface& surface, double radius_mm, double x, double y) {
   return detail::ball_contact(surface, radius_mm, x, y).z;
 }

@@ -38,6 +38,21 @@ struct FinishOptions {
 ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
                         const FinishOptions& options, const Monitor& monitor = {});
 
+/// How the ball meets the surface in a planned pass.
+struct ContactSummary {
+  double least_angle_rad = 0, most_angle_rad = 0;       ///< between axis and normal
+  double slowest_m_per_min = 0, fastest_m_per_min = 0;  ///< cutting speed at the contact, 2 pi R n sin(angle)
+  double cutting_mm = 0;                                ///< way of the tip in cutting moves: what wears the edge
+};
+/// Of cutting moves that touch within the lens, at every 20th of them.
+ContactSummary contact_summary(const SplineSurface& surface, const ToolPath& path, const FinishOptions& options);
+
+/// Light scattered by the cusps of even passes, rms on the receiver across the passes, after a polish that smooths heights by
+/// a Gaussian: the cusps' parabolas as a Fourier series. A model: no polish is that even.
+double blur_on_screen_mm(double radius_mm, double cusp_um, double distance_mm, double refractive_index, double polish_sigma_mm);
+/// The highest cusp, at most 100 um, that keeps the blur within the budget. Throws InputError when 0.01 um does not.
+double cusp_for_blur_um(double radius_mm, double blur_mm, double distance_mm, double refractive_index, double polish_sigma_mm);
+
 /// z of the centre of a ball of radius R that rests on the surface over (x, y) without gouging it anywhere (the
 /// surface's dilation); exact to 1e-6 mm by Newton on the smooth surface.
 double ball_centre_height(const SplineSurface& surface, double radius_mm, double x, double y);

@@ -7,6 +7,7 @@
 #include "cam/reachable.h"
 #include "cam/roughing.h"
 #include "cam/solid.h"
+#include "cli/crease_report.h"
 #include "cli/job_light.h"
 #include "cli/pictures.h"
 #include "cli/spline_file.h"
@@ -44,7 +45,7 @@ Blank blank_of(const Job& job, const SplineSurface& surface) {
 json to_json(const ToolPath& path, double rapid_mm_per_s) {
   double cut_mm = 0;
   for (std::size_t i = 1; i < path.moves.size(); ++i) {
-    if (path.moves[i].kind == MoveKind::kCut) cut_mm += (path.moves[i].pose.tip_mm - path.moves[i - 1].pose.tip_mm).norm();
+    if (path.moves[i].kind == MoveKind::kCut || path.moves[i].kind == MoveKind::kPlunge) cut_mm += (path.moves[i].pose.tip_mm - path.moves[i - 1].pose.tip_mm).norm();
   }
   return {{"length_mm", path.length_mm()},   {"cutting_length_mm", cut_mm},
           {"points", path.moves.size()},     {"stepover_mm", path.stepover_mm},
@@ -123,7 +124,16 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     write_toolpath_picture(folder.file(picture), path, blank);
     result.files.push_back(picture);
     cam[path.pass] = to_json(path, rapid);
+    if (path.pass != "semi_finish" && path.pass != "finish") continue;
+    const ContactSummary contact = contact_summary(surface, path, path.pass == "finish" ? finish : semi_finish);
+    cam[path.pass]["contact"] = {{"least_angle_deg", contact.least_angle_rad * 180 / kPi},
+                                 {"most_angle_deg", contact.most_angle_rad * 180 / kPi},
+                                 {"slowest_m_per_min", contact.slowest_m_per_min},
+                                 {"fastest_m_per_min", contact.fastest_m_per_min}};
   }
+  cam["finish"]["blur_mm"] = blur_on_screen_mm(job.finish.cutter.radius_mm(), job.finish.options.cusp_um, job.receiver.distance_mm,
+                                               job.lens.refractive_index, job.dry_run.polish_sigma_um / 1000);
+  cam["creases"] = creases_json(surface, reachable, job);
   cam["solid"] = {{"valid", solid.valid},
                   {"volume_mm3", solid.volume_mm3},
                   {"spline_volume_mm3", solid.expected_volume_mm3},

@@ -229,10 +229,14 @@ void read_rough(TomlTable table, const fs::path& folder, Job& job) {
 void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fallback, BallPass& pass) {
   read_pass_cutter(table, folder, fallback, pass.cutter_file, pass.cutter);
   if (!pass.cutter.is_ball()) throw InputError(table.complaint("cutter", "must be a ball cutter (corner radius half the diameter): " + pass.cutter_file.string()));
-  not_yet(table, "blur_mm", "use cusp_um");
+  if (pass.options.pass != "finish") not_yet(table, "blur_mm", "only finish.blur_mm decides what the light sees; use cusp_um");
   not_yet(table, "stepover_mm", "use cusp_um; the stepover follows from it");
   only_choice(table, "strategy", {"one_way", "zig_zag", "spiral"});
   FinishOptions& o = pass.options;
+  if (table.has("blur_mm")) {
+    if (table.has("cusp_um")) throw InputError(table.complaint("blur_mm", "gives the cusp height, and so does cusp_um; give one of them"));
+    pass.blur_mm = positive(table, "blur_mm", 0, 1000);
+  }
   o.cusp_um = table.number_in("cusp_um", o.cusp_um, 0.01, 1000);
   o.allowance_mm = table.number_in("allowance_mm", o.allowance_mm, 0, 5);
   const std::string axis = table.choice("axis", o.axis == AxisPolicy::kFixed ? "fixed" : o.axis == AxisPolicy::kVertical ? "vertical" : "lead_tilt",
@@ -296,6 +300,10 @@ void read_dry_run(TomlTable table, Job& job) {
   DryRunSpec& o = job.dry_run;
   o.pitch_um = table.number_in("pitch_um", o.pitch_um, 1, 1000);
   o.polish_sigma_um = table.number_in("polish_sigma_um", o.polish_sigma_um, 0, 10000);
+  if (job.finish.blur_mm) {
+    job.finish.options.cusp_um = cusp_for_blur_um(job.finish.cutter.radius_mm(), *job.finish.blur_mm, job.receiver.distance_mm,
+                                                  job.lens.refractive_index, o.polish_sigma_um / 1000);
+  }
   o.gouge_tolerance_um = table.number_in("gouge_tolerance_um", o.gouge_tolerance_um, 0, 1000);
   // The plan keeps a margin below what is promised: 1.3 um planned, 1.5 um promised.
   const double promise = job.finish.options.cusp_um + std::max(0.2, 0.15 * job.finish.options.cusp_um);

@@ -55,6 +55,7 @@ struct BallPass {
   std::filesystem::path cutter_file;
   Cutter cutter;
   FinishOptions options;
+  std::optional<double> blur_mm;        ///< on the wall after the polish: what options.cusp_um was made from
 };
 
 /// A flat land around the optical surface, the part's rim.

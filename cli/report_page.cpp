@@ -283,7 +283,13 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/cam/solid/volume_mm3", "volume", "mm³", 1);
   figures.row("/cam/blank/height_mm", "blank height", "mm", 1);
   figures.row("/cam/finish/predicted_cusp_um", "cusp that finishing plans", "µm", 2, job.dry_run.cusp_limit_um);
+  figures.row("/cam/finish/blur_mm", "blur that its cusps leave after the polish (model)", "mm", 3);
+  figures.row("/cam/finish/contact/least_angle_deg", "finishing: contact from the axis, least", "°", 1);
+  figures.row("/cam/finish/contact/most_angle_deg", "finishing: contact from the axis, most", "°", 1, 55.0);
+  figures.row("/cam/finish/contact/slowest_m_per_min", "finishing: slowest cutting speed", "m/min", 0);
   figures.row("/cam/reachable/unreachable_area_mm2", "out of the ball's reach", "mm²", 2);
+  figures.row("/cam/creases/length_mm", "concave creases sharper than the ball", "mm", 0);
+  figures.row("/cam/creases/light_lost_share", "light through their fillets", "%", 2, {}, 100);
   figures.group("Programs");
   for (const char* pass : kPassNames) {
     const std::string at = std::string("/postproc/") + pass;

@@ -15,7 +15,9 @@
 #include "cam/outline.h"
 #include "cam/reachable.h"
 #include "cli/commands.h"
+#include "cli/crease_report.h"
 #include "cli/job_light.h"
+#include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/text.h"
 #include "machine/pseudo_terminal.h"
@@ -199,6 +201,28 @@ int check_machinability(const Job& job, const RunFolder& folder) {
   }
   std::printf("out of reach      %s mm2 (%s %%), at most %s um left there\n", fixed(reachable.unreachable_area_mm2, 1).c_str(),
               fixed(100 * reachable.unreachable_area_mm2 / outline.area_mm2(), 2).c_str(), fixed(reachable.max_residue_um, 1).c_str());
+  std::fputs(creases_text(creases_json(surface, reachable, job)).c_str(), stdout);
+  if (reachable.unreachable_area_mm2 > 0) {
+    // A ball a quarter as large, along creases only: its fillets are four times narrower.
+    const double small = ball / 4;
+    const ReachableSurface rest = within(reachable_surface(surface, small, pitch), outline);
+    std::printf("a ball of %s mm   would leave %s mm2 (%s %%) out of reach, at most %s um\n", compact(small, 3).c_str(),
+                fixed(rest.unreachable_area_mm2, 1).c_str(), fixed(100 * rest.unreachable_area_mm2 / outline.area_mm2(), 2).c_str(),
+                fixed(rest.max_residue_um, 1).c_str());
+  }
+  const nlohmann::json cam = folder.report().value("cam", nlohmann::json::object());
+  for (const char* pass : kPassNames) {
+    if (!cam.contains(pass)) continue;
+    const nlohmann::json& p = cam.at(pass);
+    std::printf("%-17s %s min, %s m of path, %s m of it cutting (what wears the edge)", pass, fixed(p.at("minutes"), 1).c_str(),
+                fixed(p.at("length_mm").get<double>() / 1000, 1).c_str(), fixed(p.at("cutting_length_mm").get<double>() / 1000, 1).c_str());
+    if (p.contains("contact")) {
+      const nlohmann::json& c = p.at("contact");
+      std::printf("; contact %s to %s deg from the axis, %s to %s m/min", fixed(c.at("least_angle_deg"), 1).c_str(), fixed(c.at("most_angle_deg"), 1).c_str(),
+                  fixed(c.at("slowest_m_per_min"), 0).c_str(), fixed(c.at("fastest_m_per_min"), 0).c_str());
+    }
+    std::printf("\n");
+  }
   return kExitDone;
 }
 

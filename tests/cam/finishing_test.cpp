@@ -575,6 +575,31 @@ TEST(Clearance, AHolderThatWouldTouchIsAnErrorAndALongerCutterIsNot) {
   EXPECT_THROW(plan_finishing(s, Blank{{50, 44}, 40}, finishing_ball(), options), InputError);
 }
 
+TEST(Contact, AngleAndSpeedOnAPlaneAreTheClosedForms) {
+  const auto s = spline_of(Box2::centred({8, 7}), 24, 22, [](double x, double) { return 14 + 0.1 * x; });
+  const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), {});
+  const ContactSummary contact = contact_summary(s, path, {});
+  const double angle = std::acos(std::cos(30 * kPi / 180) / std::sqrt(1.01));  // the axis leans to -Y, the plane along X
+  EXPECT_NEAR(contact.least_angle_rad, angle, 1e-6);
+  EXPECT_NEAR(contact.most_angle_rad, angle, 1e-6);
+  EXPECT_NEAR(contact.slowest_m_per_min, 2 * kPi * 2 * 36000 * std::sin(angle) / 1000, 0.01);
+}
+
+TEST(Blur, OfCuspsIsTheirRmsSlopeOverTheThrowAndFallsWithThePolish) {
+  // s / (R sqrt(12)) for the parabola between two contacts.
+  const double s = 2 * std::sqrt(1.5e-3 * (4 - 1.5e-3));
+  EXPECT_NEAR(blur_on_screen_mm(2, 1.5, 300, 1.49, 0), 0.49 * 300 * s / (2 * std::sqrt(12.0)), 0.01);
+  EXPECT_LT(blur_on_screen_mm(2, 1.5, 300, 1.49, 0.1), 0.01);
+  double before = 1e9;
+  for (const double sigma : {0.0, 0.02, 0.05, 0.1}) {
+    EXPECT_LT(blur_on_screen_mm(2, 1.5, 300, 1.49, sigma), before);
+    before = blur_on_screen_mm(2, 1.5, 300, 1.49, sigma);
+    const double cusp = cusp_for_blur_um(2, before, 300, 1.49, sigma);
+    EXPECT_NEAR(cusp, 1.5, 1e-6);
+  }
+  EXPECT_THROW(cusp_for_blur_um(2, 1e-4, 300, 1.49, 0), InputError);
+}
+
 TEST(LeadTilt, TheAxisIsSmoothKeepsTheWindowAndNeverStandsUpright) {
   const Vec2 size(16, 13);
   const auto s = hilly(77, size);

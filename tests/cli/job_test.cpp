@@ -139,9 +139,21 @@ TEST(Job, ErrorsNameLineKeyAndRule) {
 
 TEST(Job, WhatIsForeseenButNotThereSaysSo) {
   const std::string soon = "not supported yet";
-  for (const char* section : {"[finish]\nblur_mm = 0.3\n", "[finish]\nstrategy = \"zig_zag\"\n", "[dry_run]\nerror_model = \"x\"\n"}) {
+  for (const char* section : {"[semi_finish]\nblur_mm = 0.3\n", "[finish]\nstrategy = \"zig_zag\"\n", "[dry_run]\nerror_model = \"x\"\n"}) {
     EXPECT_THAT(refusal(kPicture + section), HasSubstr(soon)) << section;
   }
+}
+
+TEST(Job, ABlurOnTheWallGivesTheCusp) {
+  // 1.5 um at 300 mm: 3.3 mm raw, 0.33 mm after a polish of 50 um.
+  const Job raw = read_job_text(kPicture + "[finish]\nblur_mm = 3.29\n[dry_run]\npolish_sigma_um = 0\n", "a.toml", "/");
+  EXPECT_NEAR(raw.finish.options.cusp_um, 1.5, 0.02);
+  const Job polished = read_job_text(kPicture + "[finish]\nblur_mm = 0.33\n[dry_run]\npolish_sigma_um = 50\n", "a.toml", "/");
+  EXPECT_NEAR(polished.finish.options.cusp_um, 1.5, 0.03);
+  EXPECT_GT(polished.dry_run.cusp_limit_um, polished.finish.options.cusp_um);
+  EXPECT_NEAR(read_job_text(resolved_toml(polished), "a.toml", "/").finish.options.cusp_um, polished.finish.options.cusp_um, 1e-9);
+  EXPECT_THAT(refusal(kPicture + "[finish]\nblur_mm = 1\ncusp_um = 1\n"), HasSubstr("one of them"));
+  EXPECT_THAT(refusal(kPicture + "[finish]\nblur_mm = 0.001\n[dry_run]\npolish_sigma_um = 0\n"), HasSubstr("polish more"));
 }
 
 TEST(Job, APictureIsAJob) {
