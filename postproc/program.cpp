@@ -29,6 +29,7 @@ constexpr double kLeastFeed = 1e-4;
 constexpr double kMostTime_s = 999.999;  // of an FT word
 constexpr double kDegPerRad = 180 / kPi;
 constexpr double kRoundingWorthSaying = 0.01;  // of a pass's time
+constexpr double kBlankSlack_mm = 1e-6;        // a whole millimetre stays one, whatever its last bits
 constexpr double kSameSpeed = 1e-6;  // of moves that one arc replaces
 constexpr int kXyPlane = 2;
 constexpr std::array<std::string_view, 3> kPlaneWords{"G19", "G18", "G17"};  // by the axis across
@@ -440,8 +441,8 @@ class ProgramWriter {
         high = high.cwiseMax(tip + Vec3(1, 1, 1));
       }
     }
-    sheet_.blank_min_mm = low.array().floor();
-    sheet_.blank_max_mm = high.array().ceil();
+    sheet_.blank_min_mm = (low.array() + kBlankSlack_mm).floor();
+    sheet_.blank_max_mm = (high.array() - kBlankSlack_mm).ceil();
   }
 
   void begin_pass(const AxisMotion& pass) {

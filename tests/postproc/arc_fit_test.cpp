@@ -203,10 +203,13 @@ TEST(ArcsInRs274, AreWhatWasWritten) {
   // ARC_FEED(first end, second end, first centre, second centre, rotation, axis end, A, B, C), in the plane's own order.
   Vec3 at = Vec3::Zero();
   std::size_t next = 0;
+  double feed = 0;
   for (const test::Canonical& c : run.calls) {
+    if (c.call == "SET_FEED_RATE") feed = c.numbers[0];
     if (c.call == "STRAIGHT_FEED" || c.call == "STRAIGHT_TRAVERSE") at = {c.numbers[0], c.numbers[1], c.numbers[2]};
     if (c.call != "ARC_FEED") continue;
     ASSERT_GE(c.numbers.size(), 6u);
+    EXPECT_NEAR(feed, 60 * 18, 60 * 18 * 1e-4) << "the path's";
     const Vec3 end(c.numbers[1], c.numbers[5], c.numbers[0]);  // G18: Z and X
     const double r0 = std::hypot(at.z() - c.numbers[2], at.x() - c.numbers[3]);
     const double r1 = std::hypot(end.z() - c.numbers[2], end.x() - c.numbers[3]);
