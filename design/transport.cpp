@@ -277,6 +277,42 @@ class Level {
     return now;
   }
 
+  /// The dual's second derivative, -d mu(C_i) / d psi_j, damped. Where no cell bridges two parts of the target, the sites
+  /// fall into parts too, which may rise and sink against each other without effect.
+  struct Curvature {
+    Laplacian laplacian;
+    std::vector<int> part;  // of each site: its smallest site
+    int parts;
+
+    /// The gradient less its mean on each part: what light moved within the parts can change.
+    [[nodiscard]] Potential within(const Potential& gradient) const {
+      return parts > 1 ? plus(gradient, -1, means(gradient)) : gradient;
+    }
+    /// The mean of the values on each site's part.
+    [[nodiscard]] Potential means(const Potential& values) const {
+      Potential sum(values.size(), 0.0);
+      std::vector<int> count(values.size(), 0);
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        sum[part[i]] += values[i];
+        ++count[part[i]];
+      }
+      Potential result(values.size());
+      for (std::size_t i = 0; i < values.size(); ++i) result[i] = sum[part[i]] / count[part[i]];
+      return result;
+    }
+  };
+  struct Step {
+    Potential direction;  // against which the dual falls
+    bool between;         // it moves parts of the target against each other
+  };
+  static Step newton_step(const Evaluation& now, const Curvature& second) {
+    const Potential inner = second.within(now.gradient);
+    // What parts of the target have too much or too little of is moved between them first if it outweighs the rest.
+    if (second.parts > 1 && 2 * dot(inner, inner) < dot(now.gradient, now.gradient))
+      return {second.means(second.laplacian.solve(plus(now.gradient, -1, inner))), true};
+    return {second.within(second.laplacian.solve(inner)), false};
+  }
+
   /// Levenberg and Marquardt's damping of Newton's steps, in the metric of the source's Laplacian: a cell that light is
   /// about to leave has hardly a second derivative, and plain Newton throws it out. Cells that have lost their light
   /// grow again before a step is judged.
@@ -288,12 +324,7 @@ class Level {
       monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
                      progress(now));
       Stopwatch watch;
-      const Curvature second = curvature(now, damping, thin_damping);
-      const Potential inner = second.within(now.gradient);
-      // What parts of the target have too much or too little of is moved between them first if it outweighs the rest.
-      const bool between = second.parts > 1 && 2 * dot(inner, inner) < dot(now.gradient, now.gradient);
-      const Potential step = between ? second.means(second.laplacian.solve(plus(now.gradient, -1, inner)))
-                                     : second.within(second.laplacian.solve(inner));
+      const auto [step, between] = newton_step(now, curvature(now, damping, thin_damping));
       phases_.equations += watch.lap();
       const double slope = dot(now.gradient, step);
       const bool lost_in_rounding = slope < 20 * kValueNoise * std::abs(now.value);
@@ -422,30 +453,6 @@ class Level {
     return 1 - std::log(std::clamp(e.l1_error, goal, 2.0) / goal) / std::log(2 / goal);
   }
 
-  /// The dual's second derivative, -d mu(C_i) / d psi_j, damped. Where no cell bridges two parts of the target, the sites
-  /// fall into parts too, which may rise and sink against each other without effect.
-  struct Curvature {
-    Laplacian laplacian;
-    std::vector<int> part;  // of each site: its smallest site
-    int parts;
-
-    /// The gradient less its mean on each part: what light moved within the parts can change.
-    [[nodiscard]] Potential within(const Potential& gradient) const {
-      return parts > 1 ? plus(gradient, -1, means(gradient)) : gradient;
-    }
-    /// The mean of the values on each site's part.
-    [[nodiscard]] Potential means(const Potential& values) const {
-      Potential sum(values.size(), 0.0);
-      std::vector<int> count(values.size(), 0);
-      for (std::size_t i = 0; i < values.size(); ++i) {
-        sum[part[i]] += values[i];
-        ++count[part[i]];
-      }
-      Potential result(values.size());
-      for (std::size_t i = 0; i < values.size(); ++i) result[i] = sum[part[i]] / count[part[i]];
-      return result;
-    }
-  };
   [[nodiscard]] Curvature curvature(const Evaluation& e, double damping, double thin_damping) const {
     std::vector<GraphEdge> edges;
     for (std::size_t k = 0; k < e.diagram.edges.size(); ++k) {
@@ -501,7 +508,8 @@ class Level {
     for (std::size_t i = 0; i < n; ++i) {
       if (thinness(e, static_cast<int>(i)) == 0) scale[i] = own[i] / unit[i];
     }
-    for (int ring = 0; ring < kRings; ++ring) {
+    const auto known = [](double x) { return x > 0; };
+    for (int ring = 0; ring < kRings && !std::ranges::all_of(scale, known); ++ring) {
       std::vector<double> sum(n, 0), weight(n, 0);
       const auto lend = [&](int from, int to, double w) {
         if (scale[to] > 0 || !(scale[from] > 0)) return;

@@ -108,7 +108,7 @@ RC_GTEST_PROP(PointLight, OneSiteAfterTheOtherIsFoundAsAllTogether, (unsigned se
   }
 }
 
-TEST(Laplacian, HubsOfAnyDegreeGiveTheDerivativeOfShares) {
+TEST(PointLight, AStarAboutAHubIsTheDerivativeOfShares) {
   // -d m_i / d psi_j of the shares is what is left of a star when its hub is eliminated.
   const Scene scene(7, 1.5);
   const double e = softness(scene.measure);
