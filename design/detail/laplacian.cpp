@@ -254,7 +254,7 @@ class HalfFactor {
   HalfFactor(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges, const std::vector<double>& diagonal,
              const Halves& halves, int which)
       : inside_(halves.inside[which]) {
-    const OneBlasThread one_blas_thread;
+    const OneBlasThread here_too;  // OpenMP's levels are each thread's own
     const int n = static_cast<int>(inside_.size());
     const int border = static_cast<int>(halves.border.size());
     std::vector<int> place(halves.side.size(), -1);
@@ -293,7 +293,7 @@ class HalfFactor {
   }
   /// Forward substitution; returns what it adds to the border's right side.
   std::vector<double> forward(const std::vector<double>& rhs, int border) {
-    const OneBlasThread one_blas_thread;
+    const OneBlasThread here_too;
     work_.assign(inside_.size() + border, 0.0);
     for (std::size_t k = 0; k < inside_.size(); ++k) work_[k] = inside_[k] < static_cast<int>(rhs.size()) ? rhs[inside_[k]] : 0;
     workspace_.solve(CHOLMOD_L, work_);
@@ -307,7 +307,7 @@ class HalfFactor {
   }
   /// Back substitution, given the border's solution.
   void backward(const std::vector<double>& on_border, std::vector<double>& solution) {
-    const OneBlasThread one_blas_thread;
+    const OneBlasThread here_too;
     const int border = static_cast<int>(on_border.size());
     for (int column = 0; column < border; ++column) {
       double sum = 0;
@@ -398,6 +398,7 @@ struct Laplacian::Factor {
 
 Laplacian::Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges, int hubs)
     : factor_(std::make_unique<Factor>()) {
+  const OneBlasThread one_blas_thread;
   const Halves halves = halves_of(nodes, edges, hubs);
   std::vector<double> diagonal(halves.side.size(), 0.0);
   for (const auto& [a, b, weight] : edges) {
@@ -445,6 +446,7 @@ Laplacian::Laplacian(Laplacian&&) noexcept = default;
 Laplacian& Laplacian::operator=(Laplacian&&) noexcept = default;
 
 std::vector<double> Laplacian::solve(const std::vector<double>& rhs) const {
+  const OneBlasThread one_blas_thread;
   const int border = static_cast<int>(factor_->border.size());
   std::array<std::vector<double>, 2> added;
   factor_->for_each_half([&](HalfFactor& half, std::size_t k) { added[k] = half.forward(rhs, border); });
