@@ -34,6 +34,60 @@ struct Place {
   [[nodiscard]] JointPosition joints() const { return {x, y, z, outer, inner}; }
 };
 
+// An arc as the text has it: `offset` leads from its start to its centre, in the plane across axis `normal`.
+struct WrittenArc {
+  Vec3 from, to;
+  int normal, a, b;                    // a turns to b
+  Eigen::Vector2d centre, start, end;  // the ends seen from the centre
+  double turn_rad = 0;
+
+  WrittenArc(const Vec3& first, const Vec3& last, const std::array<double, 3>& offset, int across, bool clockwise)
+      : from(first), to(last), normal(across), a((across + 1) % 3), b((across + 2) % 3) {
+    centre = {first[a] + offset[static_cast<std::size_t>(a)], first[b] + offset[static_cast<std::size_t>(b)]};
+    start = seen(first);
+    end = seen(last);
+    const double sense = clockwise ? -1 : 1;
+    double turn = std::atan2(start.x() * end.y() - start.y() * end.x(), start.dot(end)) * sense;
+    if (turn <= 0) turn += 2 * kPi;
+    turn_rad = sense * turn;
+  }
+  [[nodiscard]] Eigen::Vector2d seen(const Vec3& p) const { return Eigen::Vector2d(p[a], p[b]) - centre; }
+  [[nodiscard]] Vec3 at(double t) const {
+    const double c = std::cos(t * turn_rad), s = std::sin(t * turn_rad),
+                 grown = 1 + t * (end.norm() / start.norm() - 1);
+    Vec3 p = from + t * (to - from);
+    p[a] = centre.x() + grown * (c * start.x() - s * start.y());
+    p[b] = centre.y() + grown * (s * start.x() + c * start.y());
+    return p;
+  }
+  [[nodiscard]] double length_mm() const { return std::hypot(turn_rad * start.norm(), to[normal] - from[normal]); }
+};
+
+// Both ways: points along the arc from the planned line, in its order, and planned ends of moves from the arc.
+double distance_between(const WrittenArc& arc, std::span<const Vec3> planned) {
+  const auto from_piece = [&](const Vec3& at, std::size_t i) {
+    const Vec3 way = planned[i] - planned[i - 1];
+    const double along = std::clamp((at - planned[i - 1]).dot(way) / std::max(way.squaredNorm(), 1e-18), 0.0, 1.0);
+    return (at - planned[i - 1] - along * way).norm();
+  };
+  double off = 0;
+  std::size_t piece = 1;
+  const std::size_t samples = kSamplesPerMove * (planned.size() - 1);
+  for (std::size_t i = 0; i <= samples; ++i) {
+    const Vec3 at = arc.at(static_cast<double>(i) / static_cast<double>(samples));
+    double nearest = from_piece(at, piece);
+    while (piece + 1 < planned.size()) {
+      const double next = from_piece(at, piece + 1);
+      if (next > nearest) break;
+      nearest = next;
+      ++piece;
+    }
+    off = std::max(off, nearest);
+  }
+  for (const Vec3& p : planned) off = std::max(off, std::abs(arc.seen(p).norm() - arc.start.norm()));
+  return off;
+}
+
 enum class Tcp { kUnknown, kOff, kOn };
 
 class Checker {
@@ -455,8 +509,9 @@ class Checker {
     if (!dialect_.arc_centre_is_relative && (modal_ & bit(Order::kRelativeCentre)) == 0) {
       return complain("an arc before G91.1");
     }
-    const auto u = static_cast<std::size_t>((plane_ + 1) % 3), v = static_cast<std::size_t>((plane_ + 2) % 3);
-    if (!(std::isfinite(block.centre[u]) && std::isfinite(block.centre[v]))) return complain("an arc without its centre");
+    const bool in_plane = std::isfinite(block.centre[static_cast<std::size_t>((plane_ + 1) % 3)]) &&
+                          std::isfinite(block.centre[static_cast<std::size_t>((plane_ + 2) % 3)]);
+    if (!in_plane) return complain("an arc without its centre");
     if (std::isfinite(block.centre[static_cast<std::size_t>(plane_)])) return complain("an arc's centre out of its plane");
     const auto& moves = pass().moves;
     std::size_t last = next_;
@@ -468,59 +523,20 @@ class Checker {
       return complain("the arc does not end where one of the plan's cuts from move " + std::to_string(next_ + 1) +
                       " on ends");
     }
-    const Vec3 start = guided(from), end = guided(to);
-    Vec3 centre = start;
-    centre[plane_] = 0;
-    centre[static_cast<Eigen::Index>(u)] += block.centre[u];
-    centre[static_cast<Eigen::Index>(v)] += block.centre[v];
-    const auto around = [&](const Vec3& p) {
-      return Eigen::Vector2d(p[static_cast<Eigen::Index>(u)] - centre[static_cast<Eigen::Index>(u)],
-                             p[static_cast<Eigen::Index>(v)] - centre[static_cast<Eigen::Index>(v)]);
-    };
-    const Eigen::Vector2d first = around(start), final = around(end);
-    const double sense = mode_ == 2 ? -1 : 1;
-    double turn = std::atan2(first.x() * final.y() - first.y() * final.x(), first.dot(final)) * sense;
-    if (turn <= 0) turn += 2 * kPi;
-    if (turn > kPi) return complain("an arc of more than half a turn");
-
+    const WrittenArc arc(guided(from), guided(to), block.centre, plane_, mode_ == 2);
+    if (std::abs(arc.turn_rad) > kPi) return complain("an arc of more than half a turn");
     double seconds = 0;
-    std::vector<Vec3> planned{start};
+    std::vector<Vec3> planned{arc.from};
     for (std::size_t i = next_; i <= last; ++i) {
       planned.push_back(guided(moves[i].joints));
       seconds += moves[i].seconds;
     }
-    // Both ways: points along the arc from the planned line, planned ends of moves from the arc.
-    double off = 0;
-    std::size_t piece = 1;
-    const auto from_piece = [&](const Vec3& at, std::size_t i) {
-      const Vec3 way = planned[i] - planned[i - 1];
-      const double along = std::clamp((at - planned[i - 1]).dot(way) / std::max(way.squaredNorm(), 1e-18), 0.0, 1.0);
-      return (at - planned[i - 1] - along * way).norm();
-    };
-    const std::size_t samples = kSamplesPerMove * (planned.size() - 1);
-    for (std::size_t i = 0; i <= samples; ++i) {
-      const double t = static_cast<double>(i) / static_cast<double>(samples);
-      const double angle = sense * t * turn, c = std::cos(angle), s = std::sin(angle);
-      const Eigen::Vector2d way = (1 + t * (final.norm() / first.norm() - 1)) *
-                                  Eigen::Vector2d(c * first.x() - s * first.y(), s * first.x() + c * first.y());
-      Vec3 at = start + t * (end - start);
-      at[static_cast<Eigen::Index>(u)] = centre[static_cast<Eigen::Index>(u)] + way.x();
-      at[static_cast<Eigen::Index>(v)] = centre[static_cast<Eigen::Index>(v)] + way.y();
-      double nearest = from_piece(at, piece);
-      while (piece + 1 < planned.size()) {
-        const double next = from_piece(at, piece + 1);
-        if (next > nearest) break;
-        nearest = next;
-        ++piece;
-      }
-      off = std::max(off, nearest);
-    }
-    for (const Vec3& p : planned) off = std::max(off, std::abs(around(p).norm() - first.norm()));
+    const double off = distance_between(arc, planned);
     if (!(off <= options_.arc_tolerance_mm + 2 * half_unit_)) {
       complain("the arc leaves the plan's moves " + std::to_string(next_ + 1) + " to " + std::to_string(last + 1) + " by " +
                compact(off * 1e3, 2) + " um");
     }
-    check_time(seconds, std::hypot(turn * first.norm(), end[plane_] - start[plane_]), block);
+    check_time(seconds, arc.length_mm(), block);
     next_ = last + 1;
   }
 
