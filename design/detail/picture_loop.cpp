@@ -77,7 +77,7 @@ PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vect
                       std::max(1, static_cast<int>(std::lround(size.y() / pixel))));
   judged_.assign(wanted_.values.size(), 1);
   if (!picture.curves.empty() || !picture.points.empty()) {
-    constexpr int kBeside = 2;  // pixels that a curve's light spreads
+    constexpr int kBeside = 3;  // pixels that the light of a curve spreads over
     const Grid<double> areas = rasterise_area(picture, wanted_.width, wanted_.height);
     for (int j = 0; j < wanted_.height; ++j) {
       for (int i = 0; i < wanted_.width; ++i) {
@@ -93,6 +93,12 @@ PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vect
   const OneBlasThread one_blas_thread;
   constexpr double kLeastStretch = 0.02;  // of the map: light for a curve has none
   constexpr double kHold = 1e-8;          // of the mean diagonal: potentials between creases are known up to constants
+  const auto judged_at = [&](const Vec2& p) {
+    const int i = static_cast<int>(std::clamp(p.x(), 0.0, wanted_.width - 1.0));
+    const int j = static_cast<int>(std::clamp(p.y(), 0.0, wanted_.height - 1.0));
+    return judged_[static_cast<std::size_t>(j) * wanted_.width + i] != 0;
+  };
+  const std::vector<Vec2> aims = in_pixels(targets);
   std::vector<Eigen::Triplet<double>> entries;
   double diagonal = 0;
   for (std::size_t t = 0; t < triangles.size(); ++t) {
@@ -100,6 +106,8 @@ PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vect
     if (creases.torn(c[0], c[1]) || creases.torn(c[1], c[2]) || creases.torn(c[2], c[0])) continue;
     const double area = area_of({places[c[0]], places[c[1]], places[c[2]]});
     if (!(area > 0)) continue;
+    // Light for curves stays: it would be the shortest way for all that is missing around it.
+    if (!judged_at((aims[c[0]] + aims[c[1]] + aims[c[2]]) / 3)) continue;
     areas_[t] = area;
     Eigen::Matrix2d from, to;
     from << places[c[1]] - places[c[0]], places[c[2]] - places[c[0]];
