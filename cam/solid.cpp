@@ -10,6 +10,7 @@
 #include <BRepBuilderAPI_MakeWire.hxx>
 #include <BRepCheck_Analyzer.hxx>
 #include <BRepGProp.hxx>
+#include <BRepMesh_IncrementalMesh.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
 #include <BRepPrimAPI_MakePrism.hxx>
@@ -28,6 +29,7 @@
 #include <Interface_Static.hxx>
 #include <Message.hxx>
 #include <Message_Messenger.hxx>
+#include <Poly_Triangulation.hxx>
 #include <STEPControl_Controller.hxx>
 #include <STEPControl_Reader.hxx>
 #include <STEPControl_Writer.hxx>
@@ -39,13 +41,16 @@
 #include <TopExp.hxx>
 #include <TopExp_Explorer.hxx>
 #include <TopTools_IndexedDataMapOfShapeListOfShape.hxx>
+#include <TopLoc_Location.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Shell.hxx>
 #include <TopoDS_Solid.hxx>
 #include <XSControl_WorkSession.hxx>
 #include <algorithm>
 #include <chrono>
+#include <array>
 #include <cmath>
+#include <map>
 #include <mutex>
 #include <vector>
 
@@ -570,6 +575,37 @@ double volume_under_mm3(const TopoDS_Shape& shape) {
   return volume;
 }
 
+/// Triangles of all faces; places that neighbouring faces share are one vertex.
+PrintMesh meshed(const TopoDS_Shape& shape, double tolerance_mm) {
+  constexpr double kAngle = 0.3;    // between neighbouring triangles on round walls
+  constexpr double kWeldMm = 1e-5;  // edges are cut once, for both of their faces
+  BRepMesh_IncrementalMesh(shape, tolerance_mm, false, kAngle, false);
+  PrintMesh mesh;
+  std::map<std::array<long long, 3>, int> numbers;
+  for (TopExp_Explorer faces(shape, TopAbs_FACE); faces.More(); faces.Next()) {
+    const TopoDS_Face face = TopoDS::Face(faces.Current());
+    TopLoc_Location location;
+    const Handle(Poly_Triangulation) part = BRep_Tool::Triangulation(face, location);
+    if (part.IsNull()) throw NumericalError("lens solid: OpenCASCADE cannot mesh a face");
+    std::vector<int> number(part->NbNodes() + 1);
+    for (int n = 1; n <= part->NbNodes(); ++n) {
+      const gp_Pnt p = part->Node(n).Transformed(location.Transformation());
+      const std::array<long long, 3> key{std::llround(p.X() / kWeldMm), std::llround(p.Y() / kWeldMm), std::llround(p.Z() / kWeldMm)};
+      const auto [found, fresh] = numbers.try_emplace(key, static_cast<int>(mesh.vertices.size()));
+      if (fresh) mesh.vertices.emplace_back(p.X(), p.Y(), p.Z());
+      number[n] = found->second;
+    }
+    for (int t = 1; t <= part->NbTriangles(); ++t) {
+      int a, b, c;
+      part->Triangle(t).Get(a, b, c);
+      if (face.Orientation() == TopAbs_REVERSED) std::swap(b, c);
+      if (number[a] != number[b] && number[b] != number[c] && number[c] != number[a]) mesh.triangles.push_back({number[a], number[b], number[c]});
+    }
+  }
+  if (!is_watertight(mesh)) throw NumericalError("lens solid: the mesh for the printer is not closed");
+  return mesh;
+}
+
 /// Largest distance along z of the B-spline faces from the spline, at points inside spans and on knots.
 double deviation_um(const TopoDS_Shape& shape, const SplineSurface& surface) {
   constexpr int kPerSpan = 3;
@@ -637,6 +673,10 @@ SolidSummary write_lens_step(const std::filesystem::path& path, const SplineSurf
       if (options.land_mm > 0) {
         summary.expected_volume_mm3 += options.land_z_mm * (area_beside_chords_mm2(with_land(*options.outline, options.land_mm)) - beside);
       }
+    }
+    if (options.mesh_tolerance_mm > 0) {
+      monitor.report("meshing the solid", 0.05);
+      summary.mesh = meshed(solid, options.mesh_tolerance_mm);
     }
     write_whole(path, [&](const std::filesystem::path& temporary) {
       monitor.report("writing STEP", 0.1);

@@ -7,6 +7,7 @@
 
 #include "cam/blank.h"
 #include "cam/outline.h"
+#include "cam/print_mesh.h"
 #include "cam/spline_surface.h"
 #include "design/core/monitor.h"
 
@@ -22,6 +23,7 @@ struct SolidOptions {
   std::optional<Outline> outline = {};      ///< empty: all of the surface's rectangle
   double land_mm = 0;                       ///< width of a flat land around the outline; 0: none
   double land_z_mm = 0;
+  double mesh_tolerance_mm = 0;             ///< above 0: also a mesh of the solid for a printer, at most so far from it
 };
 
 struct SolidSummary {
@@ -32,6 +34,7 @@ struct SolidSummary {
   double expected_volume_mm3 = 0;  ///< the B-spline's own integral within the outline, and the land
   double max_deviation_um = 0;     ///< of the faces read back from the spline
   std::uintmax_t file_bytes = 0;
+  PrintMesh mesh;                  ///< empty without mesh_tolerance_mm
   double seconds = 0;
 };
 

@@ -71,6 +71,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   solid_options.author = job.author;
   solid_options.material = job.stock.material;
   solid_options.schema = job.step_schema;
+  solid_options.mesh_tolerance_mm = job.mesh_tolerance_mm;
   if (outline.shape != Outline::Shape::kRectangle || job.land.width_mm > 0) solid_options.outline = outline;
   solid_options.land_mm = job.land.width_mm;
   if (job.land.width_mm > 0) {
@@ -80,6 +81,10 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   }
   const SolidSummary solid = write_lens_step(folder.file("cam/lens.step"), surface, solid_options, monitor.part(0.1, 0.3));
   write_blank_step(folder.file("cam/stock.step"), blank);
+  if (job.mesh_tolerance_mm > 0) {
+    write_stl(folder.file("cam/lens.stl"), solid.mesh);
+    write_3mf(folder.file("cam/lens.3mf"), solid.mesh, job.name);
+  }
 
   // A rectangle as large as its blank is finished from beside it to beside it.
   FinishOptions semi_finish = job.semi_finish.options;
@@ -117,6 +122,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
 
   StageResult result;
   result.files = {"cam/fit_height.png", "cam/fit_normal.png", "cam/spline.bin", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "cam/surface.png", "cam/unreachable.png"};
+  if (job.mesh_tolerance_mm > 0) result.files.insert(result.files.end(), {"cam/lens.stl", "cam/lens.3mf"});
   const double rapid = read_machine(job.machine.file).x.max_speed_mm_per_s;
   json& cam = result.report["cam"];
   for (const ToolPath& path : passes) {
@@ -138,6 +144,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
                   {"volume_mm3", solid.volume_mm3},
                   {"spline_volume_mm3", solid.expected_volume_mm3},
                   {"faces", solid.faces},
+                  {"mesh_triangles", solid.mesh.triangles.size()},
                   {"free_edges", solid.free_edges},
                   {"file_bytes", solid.file_bytes},
                   {"max_deviation_um", fit.summary.max_deviation_um},

@@ -339,7 +339,12 @@ Job read_table(TomlTable root, const fs::path& folder, Job job) {
   read_ball_pass(root.table("semi_finish"), folder, cutters / "semi_finish_4mm_ball.toml", job.semi_finish);
   read_ball_pass(root.table("finish"), folder, cutters / "finish_4mm_ball.toml", job.finish);
   read_profile(root.table("profile"), job);
-  job.step_schema = root.table("solid").choice("step", "ap242", {"ap242", "ap214"}) == "ap214" ? StepSchema::kAp214 : StepSchema::kAp242;
+  TomlTable solid = root.table("solid");
+  job.step_schema = solid.choice("step", "ap242", {"ap242", "ap214"}) == "ap214" ? StepSchema::kAp214 : StepSchema::kAp242;
+  job.mesh_tolerance_mm = solid.number_in("mesh_tolerance_mm", job.mesh_tolerance_mm, 0, 10);
+  if (job.mesh_tolerance_mm > 0 && job.mesh_tolerance_mm < 0.005) {
+    throw InputError(solid.complaint("mesh_tolerance_mm", "must be 0 (no mesh) or at least 0.005: a mesh for a printer, not the lens"));
+  }
   read_machine_section(root.table("machine"), folder, job);
   read_controller(root.table("controller"), job);
   read_dry_run(root.table("dry_run"), job);
@@ -565,7 +570,9 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   }
   sections["profile"] =
       profile.put("tabs", p.tabs).put("tab_width_mm", p.tab_width_mm).put("tab_height_mm", p.tab_height_mm).put("skin_mm", p.skin_mm);
-  sections["solid"] = Section().put("step", job.step_schema == StepSchema::kAp214 ? "ap214" : "ap242");
+  sections["solid"] = Section()
+                          .put("step", job.step_schema == StepSchema::kAp214 ? "ap214" : "ap242")
+                          .put("mesh_tolerance_mm", job.mesh_tolerance_mm);
   sections["machine"] = Section()
                             .put("file", job.machine.file)
                             .put("workpiece_origin_mm", job.machine.workpiece_origin_mm)

@@ -152,8 +152,12 @@ TEST_F(Solid, WithinADiskOrALoopHasItsVolumeAndItsLand) {
 
   options.land_mm = 2;
   options.land_z_mm = 9;
+  options.mesh_tolerance_mm = 0.02;
   const SolidSummary with_rim = write_lens_step(folder_ / "land.step", surface, options);
   EXPECT_EQ(with_rim.free_edges, 0);
+  EXPECT_TRUE(is_watertight(with_rim.mesh));
+  // Off by the tolerance over its faces at most.
+  EXPECT_NEAR(enclosed_volume_mm3(with_rim.mesh), with_rim.volume_mm3, 0.02 * (kPi * 144 + 24 * kPi * 12));
   EXPECT_NEAR(with_rim.volume_mm3 / (disk.volume_mm3 + 9 * kPi * (144 - 100)), 1, 1e-6);
 
   options = {};
