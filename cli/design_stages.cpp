@@ -54,8 +54,7 @@ TransportMap read_map(const RunFolder& folder) {
 }
 
 /// Where the job's light would land unbent; an error where it folds.
-TracedSource source_of(const Job& job) {
-  const Scene scene = scene_of(job);
+TracedSource source_of(const Scene& scene, const Job& job) {
   TracedSource traced = trace_source(scene.lens, scene.light, job.receiver);
   if (traced.report.folded.share > 0) {
     SourceReport fold;
@@ -145,7 +144,8 @@ json to_json(const CausticMeasures& measures) {
 StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor& monitor) {
   const TargetLight target = target_of(job);
   monitor.report("target read", 0);
-  const TracedSource traced = source_of(job);
+  const Scene scene = scene_of(job);
+  const TracedSource traced = source_of(scene, job);
   const SourceLight& source = traced.source;
   const TransportMap map = solve_transport(source, target, job.transport, monitor);
   Box2 lit = Box2::centred(source.size_mm);
@@ -180,11 +180,13 @@ StageResult run_transport(const Job& job, const RunFolder& folder, const Monitor
                                           {"converged", s.converged},
                                           {"reason", s.reason}};
   const SourceReport& faults = traced.report;
+  std::vector<std::string> source_warnings = scene.warnings;
+  for (const auto& words : faults.words()) source_warnings.push_back(words);
   result.report["design"]["source"] = {{"totally_reflected", to_json(faults.totally_reflected)},
                                        {"lost", to_json(faults.lost)},
                                        {"beside_back", to_json(faults.beside_back)},
                                        {"unlit_share", faults.unlit_share},
-                                       {"warnings", faults.words()}};
+                                       {"warnings", source_warnings}};
   result.report["design"]["target"] = {{"area_share", target.area_total()},
                                        {"curve_share", target.curve_total()},
                                        {"point_share", target.point_total()},

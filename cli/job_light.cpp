@@ -35,11 +35,15 @@ std::vector<Loss> losses(const Caustic& c) {
 }  // namespace
 
 Scene scene_of(const Job& job) {
-  Scene scene{job.lens, job.light.beam};
+  Scene scene{job.lens, job.light.beam, {}};
   Lens& lens = scene.lens;
   Light& light = scene.light;
   const SourceFiles& files = job.source_files;
-  if (lens.shape == Lens::Shape::kOutline) lens.outline_mm = read_outline(files.outline.string(), lens.size_mm);
+  if (lens.shape == Lens::Shape::kOutline) {
+    LensOutline outline = read_outline(files.outline.string(), lens.size_mm);
+    lens.outline_mm = std::move(outline.loops_mm);
+    scene.warnings = std::move(outline.warnings);
+  }
   if (lens.base.kind == Base::Kind::kImage) {
     lens.base.heights_mm = over_box(read_float_image(files.base));
     for (float& h : lens.base.heights_mm.values) h *= static_cast<float>(files.base_scale_mm);
@@ -53,7 +57,11 @@ Scene scene_of(const Job& job) {
     light.mesh.intensities = intensities.empty() ? std::vector<double>(mesh.vertices.size(), 1.0) : intensities;
     light.mesh.triangles = mesh.triangles;
   }
-  if (light.profile.kind == Profile::Kind::kImage) light.profile.image = over_box(read_picture(files.light_image).gray);
+  if (light.profile.kind == Profile::Kind::kImage) {
+    const Picture picture = read_picture(files.light_image);
+    light.profile.image = over_box(picture.gray);
+    scene.warnings.insert(scene.warnings.end(), picture.warnings.begin(), picture.warnings.end());
+  }
   return scene;
 }
 

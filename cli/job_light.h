@@ -2,6 +2,8 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <vector>
 
 #include "cli/job.h"
 #include "design/beams.h"
@@ -12,6 +14,7 @@ namespace lightmill {
 struct Scene {
   Lens lens;
   Light light;
+  std::vector<std::string> warnings;  ///< what of its files was not taken as it is
 };
 Scene scene_of(const Job& job);
 

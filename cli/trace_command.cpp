@@ -43,7 +43,7 @@ void write_movie(const SurfaceMesh& mesh, const Scene& scene, const Receiver& re
     seen.distance_mm = wall.z() - scene.lens.thickness_mm;
     seen.shift_mm = wall.head<2>();
     seen.tilt_rad.y() -= turn;
-    const CastLight still = cast_light(mesh, {scene.lens, turned(scene.light, back)}, seen, wide, colours, options,
+    const CastLight still = cast_light(mesh, {scene.lens, turned(scene.light, back), {}}, seen, wide, colours, options,
                                        progress.stage("still " + std::to_string(frame + 1)));
     // Common exposure: scaled by all light through the lens, not by what landed.
     const auto exposed = [&](const Caustic& caustic) {

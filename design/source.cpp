@@ -222,16 +222,16 @@ TracedSource trace_source(const Lens& lens, const Light& light, const Receiver& 
   return traced;
 }
 
-std::vector<std::vector<Vec2>> read_outline(const std::string& path, const Vec2& size_mm) {
+LensOutline read_outline(const std::string& path, const Vec2& size_mm) {
   const detail::Drawing drawing = detail::read_drawing(path, size_mm, ViewedFrom::kBehind, detail::DrawingUse::kOutlines);
-  std::vector<std::vector<Vec2>> loops;
+  LensOutline outline{{}, drawing.warnings};
   for (const auto& fill : drawing.shapes.fills) {
     for (const auto& loop : fill.shape.outlines_mm) {
-      if (loop.size() >= 3) loops.push_back(loop);
+      if (loop.size() >= 3) outline.loops_mm.push_back(loop);
     }
   }
-  if (loops.empty()) throw InputError(path + ": lens.outline needs a filled path; fill the shape of the lens");
-  return loops;
+  if (outline.loops_mm.empty()) throw InputError(path + ": lens.outline needs a filled path; fill the shape of the lens");
+  return outline;
 }
 
 Grid<float> rasterise_source(const SourceLight& source, const Box2& extent, int width, int height) {

@@ -60,7 +60,11 @@ TracedSource trace_source(const Lens& lens, const Light& light, const Receiver& 
 
 /// The loops of an SVG's filled shapes as a lens outline: the view box is stretched onto `size_mm`, X to the right, Y up as
 /// seen from the exit. Throws InputError when nothing is filled.
-std::vector<std::vector<Vec2>> read_outline(const std::string& path, const Vec2& size_mm);
+struct LensOutline {
+  std::vector<std::vector<Vec2>> loops_mm;
+  std::vector<std::string> warnings;  ///< what of the drawing was not understood, with line numbers
+};
+LensOutline read_outline(const std::string& path, const Vec2& size_mm);
 
 /// Source irradiance at pixel centres over `extent`, row 0 at the smallest y: a picture for the eye.
 Grid<float> rasterise_source(const SourceLight& source, const Box2& extent, int width, int height);

@@ -3,8 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
+#include <unistd.h>
 
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
@@ -374,6 +377,27 @@ TEST(SourceSampling, HolesStayEmptyAndPartsAreJoined) {
     const double r = (relative + levels.front().centre).norm();
     EXPECT_TRUE(r < 10 || (r > 15 * std::cos(kPi / 120) && r < 30)) << r;
   }
+  // The same for a seed, whatever the number of threads.
+  const int threads = thread_count();
+  set_thread_count(threads + 1);
+  EXPECT_EQ(levels.front().sites, detail::sample_mesh(source.mesh, 2048, 1, {}).front().sites);
+  set_thread_count(1);
+  EXPECT_EQ(levels.front().masses, detail::sample_mesh(source.mesh, 2048, 1, {}).front().masses);
+  set_thread_count(threads);
+  EXPECT_NE(levels.front().sites, detail::sample_mesh(source.mesh, 2048, 2, {}).front().sites);
+}
+
+TEST(Source, AnOutlineSaysWhatOfItsDrawingWasLeftOut) {
+  const auto file = std::filesystem::temp_directory_path() / ("outline_" + std::to_string(getpid()) + ".svg");
+  std::ofstream(file) << "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 4 2'>\n"
+                         "<text x='1' y='1'>lens</text>\n<path d='M0 0H4V2H0Z'/>\n</svg>\n";
+  const LensOutline outline = read_outline(file.string(), {40, 20});
+  std::filesystem::remove(file);
+  ASSERT_EQ(outline.loops_mm.size(), 1U);
+  EXPECT_EQ(outline.loops_mm[0].size(), 4U);
+  ASSERT_EQ(outline.warnings.size(), 1U);
+  EXPECT_THAT(outline.warnings[0], HasSubstr("2"));
+  EXPECT_THAT(outline.warnings[0], HasSubstr("text"));
 }
 
 TEST(SourceSampling, PartsFarApartGetTheirSharesOfTheSamples) {
