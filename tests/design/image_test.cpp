@@ -156,6 +156,17 @@ TEST_F(ImageTest, OddChannelsAreSaidOrRefused) {
   EXPECT_THAT(extra.warnings[0], HasSubstr("of its 5 channels only R, G, B and alpha"));
 }
 
+TEST_F(ImageTest, InkTakesLightAway) {
+  const auto printed = [](OIIO::ImageSpec& spec) { spec.attribute("tiff:ColorSpace", "CMYK"); };
+  // No ink, black ink; each colour alone; all colours.
+  std::vector<float> ink = {0, 0, 0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 1, 1, 0};
+  const Picture picture = read_picture(file("cmyk.tif", OIIO::TypeDesc::UINT8, {"C", "M", "Y", "K"}, printed, ink));
+  const std::vector<double> expected = {1, 0, 1 - 0.2126, 1 - 0.7152, 1 - 0.0722, 0};
+  for (std::size_t k = 0; k < expected.size(); ++k) EXPECT_NEAR(picture.gray.values[k], expected[k], 1e-4) << k;
+  ASSERT_EQ(picture.warnings.size(), 1U);
+  EXPECT_THAT(picture.warnings[0], HasSubstr("CMYK"));
+}
+
 TEST_F(ImageTest, BadValuesAreNamedWithTheirPlace) {
   for (const float bad : {-0.5F, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()}) {
     auto values = codes(3);
