@@ -143,7 +143,6 @@ class Workspace {
     cholmod_start(&common_);
     common_.print = 0;
     common_.quick_return_if_not_posdef = 1;
-    common_.supernodal = CHOLMOD_SUPERNODAL;
     common_.nmethods = 1;
   }
   ~Workspace() {
@@ -155,14 +154,14 @@ class Workspace {
 
   /// Orders and counts. Returns the order of elimination; `fill` becomes the number of entries of the factor.
   std::vector<int> ordered(cholmod_sparse* matrix, int ordering, double& fill) {
-    analyse(matrix, ordering, 1);
+    analyse(matrix, ordering, 1, CHOLMOD_SIMPLICIAL);  // which is the quicker analysis
     fill = common_.lnz;
     const int* permutation = static_cast<const int*>(factor_->Perm);
     return {permutation, permutation + factor_->n};
   }
   /// Factorises in the order that the matrix has.
   void factorise(cholmod_sparse* matrix) {
-    analyse(matrix, CHOLMOD_NATURAL, 0);
+    analyse(matrix, CHOLMOD_NATURAL, 0, CHOLMOD_SUPERNODAL);
     cholmod_factorize(matrix, factor_, &common_);
     if (common_.status != CHOLMOD_OK) throw NumericalError("a graph Laplacian is not positive definite");
   }
@@ -182,8 +181,9 @@ class Workspace {
   }
 
  private:
-  void analyse(cholmod_sparse* matrix, int ordering, int postorder) {
+  void analyse(cholmod_sparse* matrix, int ordering, int postorder, int kind) {
     cholmod_free_factor(&factor_, &common_);
+    common_.supernodal = kind;
     common_.method[0].ordering = ordering;
     common_.postorder = postorder;
     factor_ = cholmod_analyze(matrix, &common_);
