@@ -395,6 +395,44 @@ RC_GTEST_PROP(SolveSurface, AnyLightIntoAPointHasEqualPaths, ()) {
   RC_ASSERT(std::abs(lowest - lens.thickness_mm) < 1e-9);
 }
 
+/// A beam that leaves a plane behind the lens with a direction of its own at each vertex: the rays of a point.
+Light mesh_of_point(const Vec3& from, const Vec2& size_mm, int side) {
+  Light light;
+  light.kind = Light::Kind::kMesh;
+  Lens plane;
+  plane.size_mm = size_mm;
+  const SurfaceMesh grid = start_mesh(plane, side);
+  light.mesh.triangles = grid.triangles;
+  for (const Vec3& v : grid.vertices) {
+    const Vec3 p(v.x(), v.y(), -5);
+    const Vec3 ray = p - from;
+    light.mesh.positions_mm.push_back(p);
+    light.mesh.directions.push_back(ray.normalized());
+    light.mesh.intensities.push_back(ray.z() / std::pow(ray.norm(), 3));
+  }
+  return light;
+}
+
+TEST(SolveSurface, ABeamOfManyDirectionsIntoAPointHasThePathsOfItsSource) {
+  Lens lens;
+  lens.size_mm = {50, 40};
+  Light point;
+  point.kind = Light::Kind::kPoint;
+  point.position_mm = {20, -10, -250};
+  const Receiver receiver{.distance_mm = 280, .shift_mm = {5, -8}, .tilt_rad = {0.2, -0.3}};
+  const auto into_point = [](const std::vector<Vec2>& places) { return std::vector<Vec2>(places.size(), Vec2(6, 4)); };
+  SurfaceOptions options;
+  options.mesh = 61;
+  const Light beam = mesh_of_point(point.position_mm, {70, 60}, 15);
+  const OpticalSurface surface = solve_surface(lens, beam, receiver, into_point, options);
+  EXPECT_EQ(surface.summary.inverted_triangles, 0);
+  EXPECT_EQ(surface.summary.unmapped_vertices, 0);
+  EXPECT_LT(equal_path_rms_mm(surface.mesh.vertices, lens, point, receiver, surface.targets_mm), 1e-3);
+  // The law sees whose rays they are: not those of a lamp 10 mm further away.
+  point.position_mm.z() -= 10;
+  EXPECT_GT(equal_path_rms_mm(surface.mesh.vertices, lens, point, receiver, surface.targets_mm), 1e-2);
+}
+
 TEST(SolveSurface, ACircleTargetAsksForTheRotatedOval) {
   Lens lens;
   lens.shape = Lens::Shape::kDisk;
