@@ -27,11 +27,22 @@ Light turned(Light light, const Eigen::Matrix3d& turn) {
   return light;
 }
 
+constexpr double kFirstTurn = kPi / 8;
+
+/// A light's mesh must stay behind the back of the turned lens.
+void check_room_to_turn(const Light& light) {
+  double missing = 0;
+  for (const Vec3& p : light.mesh.positions_mm) missing = std::max(missing, p.z() + p.x() * std::tan(kFirstTurn));
+  if (missing > 0) {
+    throw InputError("--movie: the lens, turned by 22.5 degrees, would stand in the light's mesh; cut the beam of light.mesh at least " +
+                     compact(missing, 3) + " mm further back, or leave out --movie");
+  }
+}
+
 /// Stills while the lens comes up to its place: turned about Y through the middle of its back, from 22.5 degrees
 /// down to none; light and wall stay. One exposure for all.
 void write_movie(const SurfaceMesh& mesh, const Scene& scene, const Receiver& receiver, const TargetLight& target,
                  bool colours, const BeamOptions& options, const TraceOptions& given, Progress& progress) {
-  constexpr double kFirstTurn = kPi / 8;
   const Box2 wide{target.extent.min - target.extent.size() / 2, target.extent.max + target.extent.size() / 2};
   const double white = display_white(target) * wide.size().prod() / target.extent.size().prod();
   for (int frame = 0; frame < given.movie; ++frame) {
@@ -93,6 +104,7 @@ int trace(const TraceOptions& given, Progress& progress) {
     options.angular_diameter_rad = 2 * std::atan(given.lamp_diameter_mm / (2 * given.lamp_mm->norm()));
   }
   if (given.tilt_rad) receiver.tilt_rad = *given.tilt_rad;
+  if (given.movie > 1 && scene.light.kind == Light::Kind::kMesh) check_room_to_turn(scene.light);
 
   const CastLight cast = cast_light(part.mesh, scene, receiver, target.extent, colours && !given.picture.empty(),
                                     options, progress.stage("trace"));

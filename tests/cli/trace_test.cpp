@@ -8,6 +8,7 @@
 namespace lightmill::test {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 /// A closed box as another program writes it, 12 x 10 mm like the tiny job's lens, its top at the lens's thinnest height.
@@ -44,6 +45,30 @@ TEST(TraceCommand, SaysWhatItCannotTrace) {
   const CommandResult backwards = lightmill_command({"trace", (folder / "box.obj").string(), "--job", job, "--direction=0,0,-1"});
   EXPECT_EQ(backwards.code, 2);
   EXPECT_THAT(backwards.err, HasSubstr("along +Z"));
+}
+
+TEST(TraceCommand, AMovieNeedsRoomBetweenLensAndLight) {
+  const ScratchFolder folder;
+  spill(folder / "box.obj", kBox);
+  // A beam along +Z, 40 mm wide, that reaches in front of a lens turned by 22.5 degrees unless it is cut 20 tan(22.5) = 8.28 mm behind.
+  const auto movie = [&](const std::string& z) {
+    std::string ply =
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\n"
+        "property float ny\nproperty float nz\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n";
+    for (const char* corner : {"-20 -20 ", "20 -20 ", "20 20 ", "-20 20 "}) ply += corner + z + " 0 0 1\n";
+    spill(folder / "beam.ply", ply + "3 0 1 2\n3 0 2 3\n");
+    spill(folder / "job.toml", "[target]\nimage = \"" LIGHTMILL_FIXTURES "/pictures/tiny.png\"\n[light]\nkind = \"mesh\"\nmesh = \"beam.ply\"\n"
+                               "[lens]\nsize_mm = [12, 10]\nthickness_mm = 4\n");
+    return lightmill_command({"trace", (folder / "box.obj").string(), "--job", (folder / "job.toml").string(), "-o",
+                              (folder / "light.png").string(), "--movie", "2", "--pixels", "16"});
+  };
+  const CommandResult near = movie("-8");
+  EXPECT_EQ(near.code, 2);
+  EXPECT_THAT(near.err, AllOf(HasSubstr("--movie"), HasSubstr("0.284 mm further back")));
+  EXPECT_FALSE(fs::exists(folder / "light.png"));
+  const CommandResult far = movie("-8.3");
+  EXPECT_EQ(far.code, 0) << far.err;
+  EXPECT_TRUE(fs::exists(folder / "light_0002.png"));
 }
 
 }  // namespace
