@@ -226,21 +226,23 @@ HeightErrors circle(bool by_transport, const Setting& setting) {
 
 /// Lines over logarithmic axes: micrometres against samples.
 void plot_errors(const std::filesystem::path& path, const std::vector<std::pair<double, HeightErrors>>& rows) {
-  constexpr double kWidth = 480, kHeight = 320, kLeft = 60, kTop = 20, kDecade = 70;
-  const auto x = [&](double samples) { return kLeft + 60 + 90 * std::log2(samples / rows.front().first); };
+  constexpr double kWidth = 600, kHeight = 360, kLeft = 70, kTop = 20, kDecade = 70;
+  const auto x = [&](double samples) { return kLeft + 40 + 85 * std::log2(samples / rows.front().first); };
   const auto y = [&](double um) { return kTop + kDecade * (2 - std::log10(um)); };
-  std::string svg = "<svg xmlns='http://www.w3.org/2000/svg' width='480' height='320' font-family='sans-serif' font-size='12'>\n"
-                    "<rect width='480' height='320' fill='white'/>\n";
+  std::string svg;
   char text[256];
   const auto add = [&](auto... parts) {
     std::snprintf(text, sizeof text, parts...);
     svg += text;
   };
-  for (const double um : {0.1, 1.0, 10.0, 100.0}) {
+  add("<svg xmlns='http://www.w3.org/2000/svg' width='%g' height='%g' font-family='sans-serif' font-size='12'>\n"
+      "<rect width='%g' height='%g' fill='white'/>\n",
+      kWidth, kHeight, kWidth, kHeight);
+  for (const double um : {0.01, 0.1, 1.0, 10.0, 100.0}) {
     add("<path d='M%g %gH%g' stroke='#ccc'/><text x='8' y='%g'>%g um</text>\n", kLeft, y(um), kWidth - 10, y(um) + 4, um);
   }
-  for (const auto& [samples, errors] : rows) add("<text x='%g' y='%g' text-anchor='middle'>%.0f</text>\n", x(samples), kHeight - 50, samples);
-  add("<text x='%g' y='%g' text-anchor='middle'>samples</text>\n", kWidth / 2, kHeight - 30);
+  for (const auto& [samples, errors] : rows) add("<text x='%g' y='%g' text-anchor='middle'>%.0f</text>\n", x(samples), kHeight - 35, samples);
+  add("<text x='%g' y='%g' text-anchor='middle'>samples</text>\n", kWidth / 2, kHeight - 15);
   const struct {
     const char* name;
     const char* colour;
