@@ -414,9 +414,9 @@ int run_command_line(int argc, char** argv) {
   sub->add_option("--pixels", traced.pixels, "along the picture's longer side")->check(CLI::Range(1, 16384));
   sub->add_flag("--fresnel", traced.fresnel, "count what both faces reflect (unpolarised light)");
   sub->add_flag("--colours", traced.colours, "red, green and blue bent as acrylic bends them");
-  sub->add_option("--direction", trace_direction, "parallel light along x,y,z instead of the job's light");
-  sub->add_option("--lamp", trace_lamp, "a lamp at x,y,z in mm instead, z below 0");
-  sub->add_option("--lamp-diameter-mm", traced.lamp_diameter_mm, "of that lamp, a disk")->check(CLI::Range(0.0, 1e5));
+  CLI::Option* const direction = sub->add_option("--direction", trace_direction, "parallel light along x,y,z instead of the job's light");
+  CLI::Option* const lamp = sub->add_option("--lamp", trace_lamp, "a lamp at x,y,z in mm instead, z below 0")->excludes(direction);
+  sub->add_option("--lamp-diameter-mm", traced.lamp_diameter_mm, "of that lamp, a disk")->check(CLI::Range(0.0, 1e5))->needs(lamp);
   sub->add_option("--lamp-samples", traced.lamp_samples, "places of an extended lamp; the blur is resolved to diameter / sqrt of it")->check(CLI::Range(1, 100000));
   sub->add_option("--tilt-deg", trace_tilt, "the wall's tilt about x, then y, e.g. 0,30");
   sub->add_option("--movie", traced.movie, "so many stills beside the picture while the lens turns 22.5 degrees into its place")->check(CLI::Range(0, 9999));

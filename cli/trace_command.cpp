@@ -103,7 +103,11 @@ int trace(const TraceOptions& given, Progress& progress) {
     scene.light.position_mm = *given.lamp_mm;
     options.angular_diameter_rad = 2 * std::atan(given.lamp_diameter_mm / (2 * given.lamp_mm->norm()));
   }
-  if (given.tilt_rad) receiver.tilt_rad = *given.tilt_rad;
+  if (given.tilt_rad) {
+    constexpr double kMostTilt = 80 * kPi / 180;  // as in a job
+    if (!(given.tilt_rad->cwiseAbs().maxCoeff() <= kMostTilt)) throw InputError("--tilt-deg: must be two angles of at most 80 degrees");
+    receiver.tilt_rad = *given.tilt_rad;
+  }
   if (given.movie > 1 && scene.light.kind == Light::Kind::kMesh) check_room_to_turn(scene.light);
 
   const CastLight cast = cast_light(part.mesh, scene, receiver, target.extent, colours && !given.picture.empty(),

@@ -123,6 +123,7 @@ Caustic trace_beams(const SurfaceMesh& mesh, const Lens& lens, const Light& ligh
   caustic.flux = Grid<double>(std::max(1, static_cast<int>(std::lround(size.x() / pixel))),
                               std::max(1, static_cast<int>(std::lround(size.y() / pixel))));
   const Vec2 pixels_per_mm(caustic.flux.width / size.x(), caustic.flux.height / size.y());
+  (void)Illumination(light, lens);  // refuses what a light cannot be; its parts are made into something that can
   const ReceiverFrame frame = receiver_frame(lens, receiver);
   const double index = lens.refractive_index;
   const Indices in{1, index};

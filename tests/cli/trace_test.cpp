@@ -45,6 +45,18 @@ TEST(TraceCommand, SaysWhatItCannotTrace) {
   const CommandResult backwards = lightmill_command({"trace", (folder / "box.obj").string(), "--job", job, "--direction=0,0,-1"});
   EXPECT_EQ(backwards.code, 2);
   EXPECT_THAT(backwards.err, HasSubstr("along +Z"));
+  const auto refusal = [&](const std::vector<std::string>& options) {
+    std::vector<std::string> words{"trace", (folder / "box.obj").string(), "--job", job};
+    words.insert(words.end(), options.begin(), options.end());
+    const CommandResult run = lightmill_command(words);
+    EXPECT_EQ(run.code, 2) << options.front();
+    return run.err;
+  };
+  EXPECT_THAT(refusal({"--direction=0,0,0"}), HasSubstr("along +Z"));
+  EXPECT_THAT(refusal({"--direction=1,0,0"}), HasSubstr("along +Z"));
+  EXPECT_THAT(refusal({"--tilt-deg=95,0"}), HasSubstr("at most 80 degrees"));
+  EXPECT_THAT(refusal({"--lamp-diameter-mm=5"}), HasSubstr("--lamp"));
+  EXPECT_THAT(refusal({"--lamp=0,0,-100", "--direction=0,0,1"}), HasSubstr("--direction"));
 }
 
 TEST(TraceCommand, AMovieNeedsRoomBetweenLensAndLight) {
