@@ -433,6 +433,54 @@ TEST(SolveSurface, ABeamOfManyDirectionsIntoAPointHasThePathsOfItsSource) {
   EXPECT_GT(equal_path_rms_mm(surface.mesh.vertices, lens, point, receiver, surface.targets_mm), 1e-2);
 }
 
+TEST(SolveSurface, ABaseOfTrianglesOrPixelsIsTheSphereItStandsFor) {
+  // What light would do unbent depends on the base, and with it where each vertex aims.
+  Lens lens;
+  lens.size_mm = {40, 30};
+  Light light;
+  light.direction = {0.1, -0.05, 1};
+  const Receiver receiver{.distance_mm = 200, .tilt_rad = {0.1, 0.2}};
+  const auto narrowed = [](const std::vector<Vec2>& places) {
+    std::vector<Vec2> targets;
+    for (const Vec2& p : places) targets.push_back(0.8 * p);
+    return targets;
+  };
+  SurfaceOptions options;
+  options.mesh = 61;
+  constexpr double kRadius = 150;
+  const auto height = [](const Vec2& p) { return std::sqrt(kRadius * kRadius - p.squaredNorm()); };
+  lens.base.radius_mm = kRadius;
+  Lens plate;
+  plate.size_mm = {44, 33};
+  lens.base.mesh = start_mesh(plate, 89);
+  for (std::size_t v = 0; v < lens.base.mesh.vertices.size(); ++v) {
+    Vec3& p = lens.base.mesh.vertices[v];
+    p.z() = height(p.head<2>());
+    lens.base.mesh.normals[v] = p / kRadius;
+  }
+  lens.base.extent = Box2::centred(plate.size_mm);
+  lens.base.heights_mm = Grid<float>(440, 330);
+  for (int j = 0; j < 330; ++j) {
+    for (int i = 0; i < 440; ++i)
+      lens.base.heights_mm.at(i, j) = static_cast<float>(height({-22 + (i + 0.5) / 10, -16.5 + (j + 0.5) / 10}));
+  }
+  std::vector<OpticalSurface> surfaces;
+  for (const Base::Kind kind : {Base::Kind::kSphere, Base::Kind::kMesh, Base::Kind::kImage, Base::Kind::kFlat}) {
+    lens.base.kind = kind;
+    surfaces.push_back(solve_surface(lens, light, receiver, narrowed, options));
+    EXPECT_EQ(surfaces.back().summary.inverted_triangles, 0);
+  }
+  const auto most_apart = [&](const OpticalSurface& other) {
+    double most = 0;
+    for (std::size_t v = 0; v < other.mesh.vertices.size(); ++v)
+      most = std::max(most, (other.mesh.vertices[v] - surfaces[0].mesh.vertices[v]).norm());
+    return most;
+  };
+  EXPECT_LT(most_apart(surfaces[1]), 1e-4);
+  EXPECT_LT(most_apart(surfaces[2]), 2e-3);
+  EXPECT_GT(most_apart(surfaces[3]), 0.1);
+}
+
 TEST(SolveSurface, ACircleTargetAsksForTheRotatedOval) {
   Lens lens;
   lens.shape = Lens::Shape::kDisk;
