@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "tests/cli/command_rig.h"
@@ -30,6 +31,29 @@ TEST(TraceCommand, TakesAForeignSolidAndWritesStillsOfOneExposure) {
   ASSERT_NE(at, std::string::npos) << run.out;
   const double passes = 1 - (0.49 / 2.49) * (0.49 / 2.49);
   EXPECT_NEAR(std::strtod((run.out + run.err).c_str() + at + 20, nullptr), 1 - passes * passes, 1e-9);
+}
+
+TEST(TraceCommand, SaysWhereLightIsLost) {
+  const ScratchFolder folder;
+  constexpr int kColumns = 61;  // light is looked at where the plate has vertices
+  std::string plate;
+  for (int k = 0; k < 2 * kColumns; ++k) plate += "v " + std::to_string(-6 + 0.2 * (k % kColumns)) + (k < kColumns ? " -5 4\n" : " 5 4\n");
+  for (int k = 1; k < kColumns; ++k) {
+    const auto corner = [](int vertex) { return " " + std::to_string(vertex); };
+    plate += "f" + corner(k) + corner(k + 1) + corner(k + 1 + kColumns) + corner(k + kColumns) + "\n";
+  }
+  spill(folder / "plate.obj", plate);
+  const CommandResult run = lightmill_command({"trace", (folder / "plate.obj").string(), "--job", std::string(LIGHTMILL_FIXTURES) + "/jobs/tiny.toml",
+                                               "--direction=0.5,0,1", "--json"});
+  ASSERT_EQ(run.code, 0) << run.err;
+  const std::size_t at = run.out.find("{\"event\":\"trace\"");
+  ASSERT_NE(at, std::string::npos) << run.out;
+  const auto measures = nlohmann::json::parse(run.out.substr(at, run.out.find('\n', at) - at)).at("measures");
+  // Within 4 mm of acrylic the light goes 4 tan(asin(sin(atan(0.5)) / 1.49)) = 1.26 mm aside, on a back of 12 mm.
+  const double aside = 4 * std::tan(std::asin(0.5 / std::sqrt(1.25) / 1.49));
+  EXPECT_NEAR(measures.at("leaves_by_rim").get<double>(), aside / 12, 0.01);
+  EXPECT_NEAR(measures.at("lost_from_mm").at("leaves_by_rim").at(2).get<double>(), 6, 1e-9);
+  EXPECT_EQ(measures.at("shadowed"), 0);
 }
 
 TEST(TraceCommand, SaysWhatItCannotTrace) {
