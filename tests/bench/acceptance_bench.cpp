@@ -1,4 +1,5 @@
-// What must hold, as figures beside their bars: acceptance_bench [design|portrait|small]... [--run DIR] [--out DIR]
+// What must hold, as figures beside their bars: acceptance_bench [design|surface|portrait|small]... [--run DIR] [--out DIR]
+//   surface   closed forms and pictures at mesh 641, by surface_bench too; minutes, and only when asked for
 //   design    point and circle against the closed form, rings, portrait: runs surface_bench, which must be built
 //   portrait  the main job through the whole chain; or --run DIR, a finished run folder of it
 //   small     the five-axis job through the whole chain
@@ -77,6 +78,21 @@ void design(const fs::path& bench_folder) {
     judge(std::string(name) + ": |light in - light out|",
           std::abs(number_after(text, std::string(name) + ": transport", "light - 1 =")), Bar::kAtMost, 1e-9);
   }
+}
+
+/// The surface at its full size: mesh 641, 82 thousand samples for the circle, 262 thousand for pictures.
+void surface(const fs::path& bench_folder) {
+  const std::string bench = quoted((bench_folder / "surface_bench").string()) + " --mesh 641 ";
+  for (const char* name : {"point", "slanted", "near", "sphere", "line", "two", "five", "cone"}) {
+    const std::string start = std::string(name) + ": RMS";
+    judge(std::string(name) + ": RMS height error, um", number_after(output_of(bench + name), start, "error"), Bar::kAtMost, 0.5);
+  }
+  judge("circle by 81,920 samples: RMS height error, um",
+        number_after(output_of(bench + "circle_map --samples 81920"), "circle_map: RMS", "error"), Bar::kAtMost, 0.3);
+  const auto picture = [&](const std::string& name) { return output_of(bench + name + " --samples 262144"); };
+  judge("rings: light outside their support", number_after(picture("rings"), "rings: transport", "outside support"), Bar::kAtMost, 0.01);
+  judge("portrait: l1_error", number_after(picture("portrait"), "portrait: transport", "l1_error"), Bar::kAtMost, 0.035);
+  judge("signed portrait: the curves' light within 0.5 mm of them", number_after(picture("signed"), "signed: curves", "have"), Bar::kAtLeast, 0.99);
 }
 
 /// LinuxCNC's interpreter on a program, in a folder and HOME of its own; its tool table is in inches.
@@ -170,6 +186,8 @@ int main(int argc, char** argv) {
   for (const std::string& name : cases) {
     if (name == "design") {
       design(fs::read_symlink("/proc/self/exe").parent_path());
+    } else if (name == "surface") {
+      surface(fs::read_symlink("/proc/self/exe").parent_path());
     } else if (name == "portrait" && !finished.empty()) {
       judge_run("portrait", finished, true);
     } else if (name == "portrait") {
@@ -177,7 +195,7 @@ int main(int argc, char** argv) {
     } else if (name == "small") {
       chain("small_5axis", out / "small_5axis", false);
     } else {
-      std::fprintf(stderr, "unknown case %s: design, portrait, small\n", name.c_str());
+      std::fprintf(stderr, "unknown case %s: design, surface, portrait, small\n", name.c_str());
       return 2;
     }
   }
