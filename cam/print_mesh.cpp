@@ -2,11 +2,12 @@
 
 #include <Eigen/Geometry>
 #include <bit>
-#include <charconv>
 #include <cstdint>
 #include <unordered_map>
 
 #include "design/core/files.h"
+#include "design/core/markup.h"
+#include "design/core/text.h"
 
 namespace lightmill {
 
@@ -76,24 +77,6 @@ class StoredZip {
   std::uint16_t count_ = 0;
 };
 
-std::string number(double value) {
-  char buffer[32];
-  return {buffer, std::to_chars(buffer, buffer + sizeof buffer, value == 0 ? 0.0 : value, std::chars_format::fixed, 5).ptr};
-}
-
-std::string xml_text(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    switch (c) {
-      case '&': result += "&amp;"; break;
-      case '<': result += "&lt;"; break;
-      case '>': result += "&gt;"; break;
-      default: result += c;
-    }
-  }
-  return result;
-}
-
 }  // namespace
 
 bool is_watertight(const PrintMesh& mesh) {
@@ -147,8 +130,12 @@ void write_3mf(const std::filesystem::path& path, const PrintMesh& mesh, const s
   std::string model =
       "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<model unit=\"millimeter\" xml:lang=\"en-US\" "
       "xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n<metadata name=\"Title\">" +
-      xml_text(title) + "</metadata>\n<resources><object id=\"1\" type=\"model\"><mesh>\n<vertices>\n";
-  for (const Vec3& v : mesh.vertices) model += "<vertex x=\"" + number(v.x()) + "\" y=\"" + number(v.y()) + "\" z=\"" + number(v.z()) + "\"/>\n";
+      escaped(title) + "</metadata>\n<resources><object id=\"1\" type=\"model\"><mesh>\n<vertices>\n";
+  constexpr int kDecimals = 5;  // of mm
+  for (const Vec3& v : mesh.vertices) {
+    model += "<vertex x=\"" + fixed(v.x(), kDecimals) + "\" y=\"" + fixed(v.y(), kDecimals) + "\" z=\"" +
+             fixed(v.z(), kDecimals) + "\"/>\n";
+  }
   model += "</vertices>\n<triangles>\n";
   for (const auto& t : mesh.triangles) {
     model += "<triangle v1=\"" + std::to_string(t[0]) + "\" v2=\"" + std::to_string(t[1]) + "\" v3=\"" + std::to_string(t[2]) + "\"/>\n";

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <numbers>
 
-#include "cli/pages.h"
 #include "design/core/files.h"
 #include "design/core/image.h"
+#include "design/core/markup.h"
 #include "design/core/text.h"
 
 namespace lightmill {

@@ -4,20 +4,6 @@
 
 namespace lightmill {
 
-std::string escaped(std::string_view text) {
-  std::string result;
-  for (const char c : text) {
-    switch (c) {
-      case '&': result += "&amp;"; break;
-      case '<': result += "&lt;"; break;
-      case '>': result += "&gt;"; break;
-      case '"': result += "&quot;"; break;
-      default: result += c;
-    }
-  }
-  return result;
-}
-
 void write_pages(const Job& job, const RunFolder& folder) {
   write_whole(folder.file("report.html"), report_page(job, folder));
   std::error_code error;

@@ -19,7 +19,4 @@ std::string setup_page(const Job& job, const RunFolder& folder);
 /// Pictures and figures of several designs side by side, for a page at `page`: pictures are linked, not copied.
 std::string gallery_page(const std::vector<std::filesystem::path>& folders, const std::filesystem::path& page);
 
-/// Text in HTML.
-std::string escaped(std::string_view text);
-
 }  // namespace lightmill

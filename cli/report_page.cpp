@@ -7,6 +7,7 @@
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
+#include "design/core/markup.h"
 #include "design/core/text.h"
 
 namespace lightmill {

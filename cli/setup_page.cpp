@@ -3,6 +3,7 @@
 
 #include "cli/pages.h"
 #include "cli/stage_runs.h"
+#include "design/core/markup.h"
 #include "design/core/text.h"
 #include "postproc/kinematics.h"
 

@@ -16,6 +16,7 @@
 namespace lightmill {
 namespace {
 
+using test::cutter;
 using test::spline_of;
 using test::SweptBall;
 using ::testing::HasSubstr;
@@ -23,9 +24,6 @@ using ::testing::HasSubstr;
 constexpr double kCentreToleranceMm = 5e-5;  // 0.05 um
 constexpr double kGougeToleranceMm = 6e-5;   // the chord tolerance and a little
 
-Cutter cutter(const std::string& name) {
-  return read_cutter(std::filesystem::path(LIGHTMILL_FIXTURES) / "cutters" / (name + ".toml"));
-}
 Cutter finishing_ball() {
   return cutter("finish_4mm_ball");
 }

@@ -3,13 +3,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <functional>
+#include <string>
 #include <vector>
 
+#include "cam/cutter.h"
 #include "cam/spline_surface.h"
 #include "cam/toolpath.h"
 
 namespace lightmill::test {
+
+/// One of the cutters that come with Lightmill.
+inline Cutter cutter(const std::string& name) {
+  return read_cutter(std::filesystem::path(LIGHTMILL_FIXTURES) / "cutters" / (name + ".toml"));
+}
 
 /// A spline through f to fourth order: coefficients f - (1/6) of the second differences, exact for bicubic polynomials.
 inline SplineSurface spline_of(const Box2& extent, int spans_x, int spans_y,

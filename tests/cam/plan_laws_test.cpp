@@ -16,6 +16,7 @@
 namespace lightmill {
 namespace {
 
+using test::cutter;
 using test::spline_of;
 using test::SweptBall;
 using ::testing::HasSubstr;
@@ -23,9 +24,6 @@ using ::testing::HasSubstr;
 constexpr double kLocationMm = 5e-5;  // 0.05 um
 constexpr double kChordMm = 1e-5;     // chords in the laws: 0.01 um
 
-Cutter cutter(const std::string& name) {
-  return read_cutter(std::filesystem::path(LIGHTMILL_FIXTURES) / "cutters" / (name + ".toml"));
-}
 Cutter ball() { return cutter("finish_4mm_ball"); }
 Cutter mill() { return cutter("rough_10mm"); }
 
