@@ -167,6 +167,10 @@ std::optional<AspectRatio> parse_aspect_ratio(std::string_view text) {
   return ratio;
 }
 
+Geom::Affine box_to_user(const Geom::Rect& box) {
+  return {box.width(), 0, 0, box.height(), box.left(), box.top()};
+}
+
 Geom::Affine fitted(const Geom::Rect& from, const Geom::Rect& to, const AspectRatio& ratio) {
   double sx = to.width() / from.width();
   double sy = to.height() / from.height();

@@ -39,6 +39,9 @@ struct AspectRatio {
 };
 std::optional<AspectRatio> parse_aspect_ratio(std::string_view text);
 
+/// The map of the unit square onto a bounding box.
+Geom::Affine box_to_user(const Geom::Rect& box);
+
 /// The map from `from` into `to`.
 Geom::Affine fitted(const Geom::Rect& from, const Geom::Rect& to, const AspectRatio& ratio);
 
