@@ -22,6 +22,7 @@ namespace {
 
 constexpr int kMostElements = 300000;           // drawn, counting what <use> draws again
 constexpr std::size_t kMostVertices = 3000000;  // of all that is flattened
+constexpr double kOverPicture = 1e-6;           // picture sizes by which what fits may reach out of it
 constexpr double kFarthest = 1e6;               // picture sizes from its centre: beyond, flattening has no meaning
 
 /// Where an element is drawn.
@@ -50,11 +51,12 @@ Vec2 vec(const Geom::Point& p) {
 class Reader {
  public:
   Reader(std::string text, const std::string& name, const Vec2& size_mm, ViewedFrom viewed_from, DrawingUse use)
-      : document_(std::move(text), name), picture_(Box2::centred(size_mm)), use_(use) {
+      : document_(std::move(text), name), picture_(Box2::centred(size_mm)), shown_(picture_), use_(use) {
     const pugi::xml_node root = document_.root();
     Place place;
     place.to_mm = page_to_mm(root, viewed_from, place.view);
     const SvgStyle style = style_of(document_, root);
+    if (use_ == DrawingUse::kLight && !style.overflows) cut_at_page(place);
     if (!move_by_transform(root, style, place)) return;
     if (style.displayed) inside_group(root, style, place, [&] { children(root, style, place); });
   }
@@ -116,7 +118,21 @@ class Reader {
     const double side = viewed_from == ViewedFrom::kLens ? -1 : 1;
     const Geom::Affine onto_receiver(side, 0, 0, -1, -side * size.x() / 2, size.y() / 2);
     page_scale_ = std::sqrt(std::abs(onto_picture.det()));
+    for (int k = 0; k < 4; ++k) page_.include(vec(page.corner(k) * onto_picture * onto_receiver));
     return (box ? fitted(*box, page, ratio) : Geom::Affine()) * onto_picture * onto_receiver;
+  }
+
+  /// A page that leaves room in the picture ends where a viewer ends it.
+  void cut_at_page(Place& place) {
+    const double slack = kOverPicture * picture_.size().maxCoeff();
+    if ((page_.min.array() < picture_.min.array() + slack).all() &&
+        (page_.max.array() > picture_.max.array() - slack).all())
+      return;
+    drawing_.shapes.clips.push_back(
+        {{{{page_.min, {page_.max.x(), page_.min.y()}, page_.max, {page_.min.x(), page_.max.y()}}}}});
+    place.clips.push_back(static_cast<int>(drawing_.shapes.clips.size()) - 1);
+    clips_of_page_ = 1;
+    shown_ = {page_.min.cwiseMax(picture_.min), page_.max.cwiseMin(picture_.max)};
   }
 
   std::optional<Geom::Rect> view_box(const pugi::xml_node& node) {
@@ -363,11 +379,11 @@ class Reader {
     const Vec2 at = vec(Geom::Point(document_.length(node, "cx", style.font_size, place.view.x()),
                                     document_.length(node, "cy", style.font_size, place.view.y())) *
                         place.to_mm);
-    if (!shows(at, place)) return;
-    if (!picture_.contains(at)) {
+    if (!shown_.contains(at)) {
       document_.warn(node, "a point lies outside the picture and is left out");
       return;
     }
+    if (!shows(at, place)) return;
     drawing_.points.push_back({at, flux});
   }
 
@@ -453,10 +469,10 @@ class Reader {
         add_strokes(node, style, place, *flattened, density);
       }
     }
-    const double slack = 1e-6 * picture_.size().maxCoeff();
-    if (lit && place.clips.empty() &&
-        ((box.min.array() < picture_.min.array() - slack).any() ||
-         (box.max.array() > picture_.max.array() + slack).any())) {
+    const double slack = kOverPicture * picture_.size().maxCoeff();
+    if (lit && place.clips.size() == clips_of_page_ &&
+        ((box.min.array() < shown_.min.array() - slack).any() ||
+         (box.max.array() > shown_.max.array() + slack).any())) {
       cut_.note(document_.line_of(node));
     }
   }
@@ -481,6 +497,9 @@ class Reader {
 
   SvgDocument document_;
   Box2 picture_;
+  Box2 shown_;  // what of the picture the page covers
+  Box2 page_;
+  std::size_t clips_of_page_ = 0;
   DrawingUse use_;
   double page_scale_ = 1;  // mm per unit of the page
   int elements_ = 0;

@@ -125,6 +125,25 @@ TEST_F(SvgTest, LightBesideThePictureIsCutAndSaid) {
   EXPECT_THAT(load_target(spec).warnings, ElementsAre(HasSubstr("drawing.svg:2: a point lies outside")));
 }
 
+TEST_F(SvgTest, LightBesideThePageIsCutAndSaid) {
+  // A square page in the middle of a picture twice as wide.
+  const auto drawn = [&](const std::string& attributes) {
+    return whole("<svg viewBox=\"0 0 50 50\" " + attributes +
+                 "><rect x=\"-20\" width=\"45\" height=\"50\" fill=\"white\"/>"
+                 "<path d=\"M10 10H70\" stroke=\"white\"/>\n<circle class=\"point\" cx=\"60\" cy=\"9\"/></svg>");
+  };
+  const TargetLight target = load_target(drawn(""));
+  EXPECT_THAT(target.warnings, ElementsAre(HasSubstr("drawing.svg:2: a point lies outside"),
+                                           HasSubstr("drawing.svg:1: reaches out of the picture and is cut")));
+  const Grid<double> light = squares(drawn(""));
+  for (int row = 0; row < 10; ++row) {
+    for (int column = 0; column < 20; ++column) EXPECT_EQ(light.at(column, row) > 0, column >= 5 && column < 10);
+  }
+  ASSERT_EQ(target.curves.size(), 1U);
+  EXPECT_NEAR(target.curves[0].vertices_mm.back().x(), 50, 1e-9);
+  EXPECT_EQ(load_target(drawn("overflow=\"visible\"")).points.size(), 1U);
+}
+
 TEST_F(SvgTest, NestedPagesPlaceAndClip) {
   const auto in = [&](const std::string& attributes) {
     return light_of("<svg x=\"120\" y=\"20\" width=\"40\" height=\"20\" " + attributes +
