@@ -26,6 +26,7 @@ namespace {
 /// to the next 0.1 mm.
 Blank blank_of(const Job& job, const SplineSurface& surface) {
   Blank blank;
+  blank.keep_outs = job.stock.keep_outs;
   blank.size_mm = job.lens.size_mm + Vec2::Constant(2 * (job.land.width_mm + blank_margin_mm(job)));
   const double highest = surface.highest();
   const auto tenths_up = [](double mm) { return std::ceil(mm * 10 - 1e-6) / 10; };

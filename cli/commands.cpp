@@ -48,26 +48,38 @@ struct Common {
   }
 };
 
-/// "100x80x14" as three lengths.
-Vec3 parse_three(const std::string& text, char separator, const char* option, const char* example) {
-  Vec3 value;
+/// "100x80x14" as three lengths, and the like.
+template <int N>
+Eigen::Matrix<double, N, 1> parse_numbers(const std::string& text, char separator, const char* option, const char* example) {
+  Eigen::Matrix<double, N, 1> value;
   std::size_t start = 0;
-  for (int i = 0; i < 3; ++i) {
-    const std::size_t end = i < 2 ? text.find(separator, start) : text.size();
+  for (int i = 0; i < N; ++i) {
+    const std::size_t end = i < N - 1 ? text.find(separator, start) : text.size();
     const std::string part = end == std::string::npos ? "" : text.substr(start, end - start);
     const auto result = std::from_chars(part.data(), part.data() + part.size(), value[i]);
     if (part.empty() || result.ec != std::errc() || result.ptr != part.data() + part.size() || !std::isfinite(value[i])) {
-      throw InputError(std::string(option) + " " + text + ": must be three numbers like " + example);
+      throw InputError(std::string(option) + " " + text + ": must be " + std::to_string(N) + " numbers like " + example);
     }
     start = end + 1;
   }
   return value;
 }
 
+Vec3 parse_three(const std::string& text, char separator, const char* option, const char* example) {
+  return parse_numbers<3>(text, separator, option, example);
+}
+
+KeepOut parse_keep_out(const std::string& text) {
+  const auto corners = parse_numbers<6>(text, ',', "--keep-out", "-60,-10,0,-50,10,20");
+  const KeepOut box{corners.head<3>(), corners.tail<3>()};
+  if (!((box.max_mm - box.min_mm).minCoeff() > 0)) throw InputError("--keep-out " + text + ": the first corner must be below the second in every axis");
+  return box;
+}
+
 Blank parse_blank(const std::string& text) {
   const Vec3 size = parse_three(text, 'x', "--blank", "100x80x14");
   if (!(size.minCoeff() > 0)) throw InputError("--blank " + text + ": lengths must be above 0 mm");
-  return {size.head<2>(), size.z()};
+  return {size.head<2>(), size.z(), {}};
 }
 
 Job job_of(const RunFolder& folder) { return read_job(folder.file("job.toml")); }
@@ -268,6 +280,7 @@ struct ShopOptions {
   std::string machine;
   std::vector<std::string> cutters;
   std::string blank;
+  std::vector<std::string> keep_outs;
   std::string origin;
   int work_offset = 54;
   double pitch_um = 20;
@@ -278,6 +291,7 @@ struct ShopOptions {
     app->add_option("--machine", machine, "machine file (fixtures/machines/*.toml)");
     app->add_option("--cutters", cutters, "cutter files of the tool magazine");
     app->add_option("--blank", blank, "blank as WIDTHxDEPTHxHEIGHT in mm, e.g. 100x100x14");
+    app->add_option("--keep-out", keep_outs, "a clamp or jaw as x0,y0,z0,x1,y1,z1 in mm, workpiece frame; as many as there are");
     app->add_option("--origin", origin, "where the blank's back centre stands, machine frame, x,y,z in mm (default: the table's centre)");
     app->add_option("--work-offset", work_offset, "the offset that is zeroed on the workpiece, 54 to 59")->check(CLI::Range(54, 59));
     app->add_option("--pitch-um", pitch_um, "grid of the simulated stock in micrometres")->check(CLI::Range(1.0, 1000.0));
@@ -295,6 +309,7 @@ struct ShopOptions {
     }
     if (blank.empty()) throw InputError("no blank given; name its size with --blank, for example --blank 100x100x14");
     result.blank = parse_blank(blank);
+    for (const std::string& box : keep_outs) result.blank.keep_outs.push_back(parse_keep_out(box));
     result.workpiece_origin_mm = origin.empty() ? work_on_table(read_machine(result.machine_file), Vec3::Zero(), work_offset).origin_mm
                                                 : parse_three(origin, ',', "--origin", "0,0,-420");
     result.work_offset = work_offset;
@@ -374,7 +389,7 @@ int run_command_line(int argc, char** argv) {
     if (!shop.machine.empty()) overrides.machine_file = fs::absolute(shop.machine);
     for (const auto& file : shop.cutters) overrides.cutter_files.push_back(fs::absolute(file));
     if (dry->count("--work-offset") > 0) overrides.work_offset = shop.work_offset;
-    for (const char* option : {"--blank", "--origin", "--pitch-um", "--time-factor", "--pace-baud"}) {
+    for (const char* option : {"--blank", "--keep-out", "--origin", "--pitch-um", "--time-factor", "--pace-baud"}) {
       if (dry->count(option) > 0) throw InputError(std::string(option) + " belongs to program files; a run folder's job.toml says it");
     }
     return run_stages(common, programs[0], {Stage::kDryRun}, overrides);

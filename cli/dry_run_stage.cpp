@@ -88,6 +88,7 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
                           : overrides.cutter_files;
   shop.blank.size_mm = Vec2(cam["blank"]["size_mm"][0].get<double>(), cam["blank"]["size_mm"][1].get<double>());
   shop.blank.height_mm = cam["blank"]["height_mm"];
+  shop.blank.keep_outs = job.stock.keep_outs;
   shop.work_offset = overrides.work_offset.value_or(job.machine.work_offset);
   shop.workpiece_origin_mm = work_on_table(read_machine(job.machine.file), overrides.workpiece_origin_mm.value_or(job.machine.workpiece_origin_mm),
                                            shop.work_offset).origin_mm;

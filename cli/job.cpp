@@ -200,6 +200,13 @@ void read_stock(TomlTable table, Job& job) {
     stock.margin_mm = table.number_in("margin_mm", 0, 0, 1000);
   }
   stock.material = table.text("material", stock.material);
+  for (const auto& row : table.number_rows("keep_outs", 6)) {
+    const KeepOut box{{row[0], row[1], row[2]}, {row[3], row[4], row[5]}};
+    if (!((box.max_mm - box.min_mm).minCoeff() > 0)) {
+      throw InputError(table.complaint("keep_outs", "rows are [x0, y0, z0, x1, y1, z1] in mm, the first corner below the second in every axis"));
+    }
+    stock.keep_outs.push_back(box);
+  }
   stock.work_holding = table.text("work_holding", stock.work_holding);
 }
 
@@ -378,6 +385,15 @@ class Section {
   Section& put(std::string_view key, const Vec3& v) {
     return line(key, "[" + number(v.x()) + ", " + number(v.y()) + ", " + number(v.z()) + "]");
   }
+  Section& put(std::string_view key, const std::vector<KeepOut>& boxes) {
+    std::string rows;
+    for (const KeepOut& box : boxes) {
+      rows += rows.empty() ? "[" : ", [";
+      for (const double v : box.min_mm) rows += number(v) + ", ";
+      rows += number(box.max_mm.x()) + ", " + number(box.max_mm.y()) + ", " + number(box.max_mm.z()) + "]";
+    }
+    return line(key, "[" + rows + "]");
+  }
   Section& put(std::string_view key, const char* value) { return put(key, std::string(value)); }
   Section& put(std::string_view key, const fs::path& value) { return put(key, value.string()); }
   Section& put(std::string_view key, const std::string& value) {
@@ -546,6 +562,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
     stock.put("margin_mm", "auto");
   }
   sections["stock"] = stock.put("allowance_mm", job.stock.allowance_mm)
+                          .put("keep_outs", job.stock.keep_outs)
                           .put("material", job.stock.material)
                           .put("work_holding", job.stock.work_holding);
   const RoughOptions& r = job.rough.options;

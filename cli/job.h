@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "cam/blank.h"
 #include "cam/cutter.h"
 #include "cam/finishing.h"
 #include "cam/profile.h"
@@ -42,6 +43,7 @@ struct StockSpec {
   double allowance_mm = 0.5;            ///< material above the highest point of the lens, for "auto"
   std::optional<double> margin_mm;      ///< beside the part; empty: "auto", room for the mill where the part is cut out
   std::string material = "PMMA, cast, annealed";
+  std::vector<KeepOut> keep_outs;       ///< clamps, jaws: [x0, y0, z0, x1, y1, z1] each
   std::string work_holding = "flat back on a vacuum plate or double-sided tape; all four sides and the top free";
 };
 

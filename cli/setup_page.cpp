@@ -65,8 +65,14 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
   }
   if (!machine.notes.empty()) html += "<p class=warn>Machine data: " + escaped(machine.notes) + "</p>\n";
 
+  std::string clamps;
+  for (const KeepOut& box : job.stock.keep_outs) {
+    const auto range = [&](int axis, const char* letter) { return std::string(letter) + " " + compact(box.min_mm[axis], 2) + " to " + compact(box.max_mm[axis], 2); };
+    clamps += (clamps.empty() ? "" : "<br>") + range(0, "X") + ", " + range(1, "Y") + ", " + range(2, "Z");
+  }
   html += "<div class=two><div><h2>Blank</h2>\n<table>\n" + row("size", "<span class=big>" + size + "</span>") + row("material", escaped(job.stock.material)) +
           row("work holding", escaped(job.stock.work_holding)) +
+          (clamps.empty() ? std::string() : row("clamps and jaws within (mm from the zero point)", clamps)) +
           row("stands", "flat back down; X along the " + compact(blank.x(), 3) + " mm side") + "</table></div>\n";
   html += "<div><h2>Zero point " + offset + "</h2>\n<table>\n" + row("where", "centre of the blank's <b>underside</b>") +
           row("X", "<span class=big>" + fixed(setup.origin_mm.x(), 3) + "</span> mm machine") +

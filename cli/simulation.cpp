@@ -109,6 +109,7 @@ std::vector<std::string> machine_arguments(const SimulatedShop& shop, const fs::
     arguments.emplace_back("--cutters");
     arguments.push_back(file.string());
   }
+  for (const KeepOut& box : shop.blank.keep_outs) arguments.push_back("--keep-out=" + numbers(box.min_mm) + "," + numbers(box.max_mm));
   const std::vector<std::string> rest = {
       "--blank=" + compact(shop.blank.size_mm.x(), 6) + "x" + compact(shop.blank.size_mm.y(), 6) + "x" + compact(shop.blank.height_mm, 6),
       "--origin=" + numbers(shop.workpiece_origin_mm),

@@ -52,7 +52,7 @@ TEST(Job, ResolvedJobReadsBackAsItself) {
       "[light]\nangular_diameter_deg = 0.53\n[receiver]\ndistance_mm = 217.3\nviewed_from = \"behind\"\n"
       "[transport]\nsamples = 1234\nseed = 7\nl1_tolerance = 3e-5\n"
       "[surface]\nmesh = 77\nheight_tolerance_um = 0.07\nweights = { flux = 0, smoothness = 3e-6 }\n"
-      "[stock]\nheight_mm = 21.3\nallowance_mm = 0.9\nmaterial = \"glass\"\n"
+      "[stock]\nheight_mm = 21.3\nallowance_mm = 0.9\nmaterial = \"glass\"\nkeep_outs = [[-60, -5, 0, -50.5, 5, 20], [50.5, -5, 0, 60, 5, 21]]\n"
       "[rough]\nallowance_mm = 0.41\nlink_feed_mm_per_min = 777\n[semi_finish]\ncusp_um = 7\n"
       "[finish]\naxis = \"lead_tilt\"\ntilt_deg = 23\ntilt_direction_deg = 77\nchord_tolerance_um = 0.07\nfeed_per_tooth_mm = 0.017\n"
       "[machine]\nworkpiece_origin_mm = [12, -7, 3.3]\nwork_offset = 57\n[controller]\ndecimals = 4\nblock_numbers = true\n"
@@ -69,6 +69,9 @@ TEST(Job, ResolvedJobReadsBackAsItself) {
   EXPECT_NEAR(again.rough.options.link_feed_mm_per_s, 777 / 60.0, 1e-9);
   EXPECT_NEAR(again.finish.cutter.feed_per_tooth_mm, 0.017, 1e-15);
   EXPECT_EQ(again.stock.height_mm, 21.3);
+  ASSERT_EQ(again.stock.keep_outs.size(), 2);
+  EXPECT_EQ(again.stock.keep_outs[0].max_mm, Vec3(-50.5, 5, 20));
+  EXPECT_EQ(again.stock.keep_outs[1].min_mm, Vec3(50.5, -5, 0));
   EXPECT_EQ(again.machine.workpiece_origin_mm, Vec3(12, -7, 3.3));
 }
 
@@ -133,6 +136,8 @@ TEST(Job, ErrorsNameLineKeyAndRule) {
   EXPECT_THAT(refusal("[lens]\n"), HasSubstr("target.image"));
   EXPECT_THAT(refusal(kPicture + "[finish]\ncusp_um = 0\n"), HasSubstr("finish.cusp_um"));
   EXPECT_THAT(refusal(kPicture + "[stock]\nheight_mm = \"tall\"\n"), HasSubstr("stock.height_mm"));
+  EXPECT_THAT(refusal(kPicture + "[stock]\nkeep_outs = [[0, 0, 0, 1, 1]]\n"), HasSubstr("keep_outs"));
+  EXPECT_THAT(refusal(kPicture + "[stock]\nkeep_outs = [[0, 0, 0, 1, -1, 1]]\n"), AllOf(HasSubstr("keep_outs"), HasSubstr("below the second")));
   EXPECT_THAT(refusal(kPicture + "[rough]\nallowance_mm = 0.05\n"), HasSubstr("rough.allowance_mm"));
   EXPECT_THAT(refusal(kPicture + "[lense]\n"), HasSubstr("lense"));
 }
