@@ -18,6 +18,7 @@ constexpr milliseconds kStatusTimeout{1000};
 constexpr milliseconds kBannerTimeout{5000};
 constexpr milliseconds kPollInterval{20};
 constexpr milliseconds kProgressInterval{100};
+constexpr milliseconds kReportInterval{500};
 constexpr char kSoftReset = 0x18;
 
 std::string plural(long count, const std::string& noun) {
@@ -62,6 +63,10 @@ class Streamer {
       hold_quietly();
       result_.message =
           "stopped by the user; the machine is held (~ on the controller goes on, a reset gives up); " + account();
+    } catch (const JournalError& error) {
+      result_.end = StreamEnd::kJournal;
+      hold_quietly();
+      result_.message = std::string(error.what()) + "; the machine is held; " + account();
     } catch (const IoError& error) {
       result_.end = StreamEnd::kHungUp;
       result_.message = std::string(error.what()) + "; the controller goes on with what it has buffered; " + account();
@@ -96,6 +101,8 @@ class Streamer {
   int idle_blocks_ = -1, idle_bytes_ = -1;
   Clock::time_point last_reply_ = Clock::now();
   Clock::time_point last_progress_{};
+  Clock::time_point last_poll_{};
+  long acknowledged_at_poll_ = 0;
 
   // While greeting, replies are counted here instead of ending the stream.
   bool greeting_ = true;
@@ -190,6 +197,7 @@ class Streamer {
       } else {
         in_flight_ -= static_cast<int>(lines_[static_cast<std::size_t>(acknowledged_)].text.size()) + 1;
         ++acknowledged_;
+        if (options_.journal != nullptr) options_.journal->acknowledged(acknowledged_);
       }
     } else if (line.front() == '<') {
       StatusReport report;
@@ -197,6 +205,7 @@ class Streamer {
         if (report.work_offset.empty()) report.work_offset = status_.work_offset;
         status_ = report;
         ++status_count_;
+        if (options_.journal != nullptr && !greeting_) options_.journal->reported(line);
       } else {
         ++unreadable_;
       }
@@ -365,6 +374,7 @@ class Streamer {
         if (operator_line_) return;
         audited_ = next_;
       }
+      if (options_.journal != nullptr) options_.journal->sending(static_cast<long>(next_) + 1);
       unsent_ += line.text;
       unsent_ += '\n';
       in_flight_ += size;
@@ -385,9 +395,19 @@ class Streamer {
                     lines_.empty() ? 1.0 : static_cast<double>(acknowledged_) / static_cast<double>(lines_.size()));
   }
 
+  /// A report for the journal now and then; none while acknowledgements are missing, whose silence must be heard.
+  void poll() {
+    if (options_.journal == nullptr || acknowledged_ == acknowledged_at_poll_) return;
+    if (Clock::now() - last_poll_ < kReportInterval) return;
+    last_poll_ = Clock::now();
+    acknowledged_at_poll_ = acknowledged_;
+    send_real_time('?');
+  }
+
   void stream() {
     last_reply_ = Clock::now();
     while (next_ < lines_.size() || !all_acknowledged()) {
+      poll();
       feed();
       flush(milliseconds(0));
       const bool waits_for_room = !unsent_.empty();
@@ -502,6 +522,7 @@ class Streamer {
     ++result_.recovered_acknowledgements;
     recovery_ = where + ", machine idle with empty buffers, position and modes as programmed, so the stream went on";
     acknowledged_ = static_cast<long>(next_);
+    if (options_.journal != nullptr) options_.journal->acknowledged(acknowledged_);
     in_flight_ = 0;
     last_reply_ = Clock::now();
   }

@@ -9,6 +9,7 @@
 
 #include "design/core/monitor.h"
 #include "machine/connection.h"
+#include "machine/journal.h"
 
 namespace lightmill {
 
@@ -35,9 +36,12 @@ struct StreamOptions {
   /// ends there. Also asked when the machine is held for longer than reply_timeout without the program's wish (without
   /// it: waits).
   std::function<bool(const std::string& what)> on_operator;
+  /// Told before lines are sent, and when they are acknowledged or a status is reported. When it cannot be written the
+  /// machine is held.
+  Journal* journal = nullptr;
 };
 
-enum class StreamEnd { kDone, kControllerError, kAlarm, kLostAcknowledgement, kReset, kHungUp, kStopped };
+enum class StreamEnd { kDone, kControllerError, kAlarm, kLostAcknowledgement, kReset, kHungUp, kStopped, kJournal };
 
 /// Lines are counted without blank ones; `error_line` and the line numbers in `message` are those of the text.
 struct StreamResult {
