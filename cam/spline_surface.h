@@ -81,7 +81,7 @@ struct FitErrors {
 FitErrors fit_errors(const SurfaceMesh& mesh, const SplineSurface& surface);
 
 /// Least squares on vertex heights and normals with one span per mesh edge length; the mesh's vertices may lie
-/// anywhere. Coefficients that no vertex reaches go on as smoothly as a thin plate. Throws InputError for a mesh that
+/// anywhere. From one side of a crease to the other within two edges of it, without ringing beside. Coefficients that no vertex reaches go on as smoothly as a thin plate. Throws InputError for a mesh that
 /// is no height field, NumericalError when the equations cannot be solved.
 SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const Monitor& monitor = {});
 

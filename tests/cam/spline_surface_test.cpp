@@ -243,28 +243,43 @@ TEST(FitSpline, ReproducesAPlaneExactly) {
   EXPECT_LT(fit.summary.rms_normal_deviation_urad, 1e-3);
 }
 
-TEST(FitSpline, RingsLittleBesideACrease) {
+TEST(FitSpline, GoesOverACreaseWithinTwoEdgesAndDoesNotRing) {
   constexpr double kJump = 0.3;
   const double cos = std::cos(0.31), sin = std::sin(0.31);
   const auto across = [&](double x, double y) { return cos * (x - 4.05) + sin * (y - 10); };
-  const auto valley = [&](double x, double y) { return 12 + kJump / 2 * std::abs(across(x, y)); };
-  const SplineFit fit = fit_spline(slid_mesh(kPatch, kPatchCells, 0.3, valley), kPatch);
-  EXPECT_GT(fit.summary.crease_share, 0.02);
-  EXPECT_LT(fit.summary.crease_share, 0.15);
-  EXPECT_LT(fit.summary.rms_deviation_um, 0.1);
-  const double edge = kPatch.size().x() / kPatchCells;
-  for (double x = kPatch.min.x(); x <= kPatch.max.x(); x += 0.0719) {
-    for (double y = kPatch.min.y(); y <= kPatch.max.y(); y += 0.0713) {
-      const double d = std::abs(across(x, y)) / edge;
-      const double deviation_um = 1e3 * (fit.surface.height(x, y) - valley(x, y));
-      // The valley is filled where a C2 surface must fill it, and hardly undercut (10 um are 1 / 5 of what
-      // the crease rises over one edge).
-      const double in = std::min({x - kPatch.min.x(), kPatch.max.x() - x, y - kPatch.min.y(), kPatch.max.y() - y});
-      const bool at_border = in < 2 * edge;  // where a crease leaves the lens, its end is less sure
-      EXPECT_GT(deviation_um, at_border ? -15 : -10);
-      EXPECT_LT(std::abs(deviation_um), d > 4 ? (at_border ? 2.0 : 0.6) : d > 1.5 ? (at_border ? 10.0 : 5.0) : 23.0);
+  for (const double sign : {1.0, -1.0}) {  // a valley, a roof
+    const auto crease = [&](double x, double y) { return 12 + sign * kJump / 2 * std::abs(across(x, y)); };
+    const SplineFit fit = fit_spline(slid_mesh(kPatch, kPatchCells, 0.3, crease), kPatch);
+    EXPECT_GT(fit.summary.crease_share, 0.02);
+    EXPECT_LT(fit.summary.crease_share, 0.15);
+    EXPECT_LT(fit.summary.rms_deviation_um, 0.01);
+    const double edge = kPatch.size().x() / kPatchCells;
+    for (double x = kPatch.min.x(); x <= kPatch.max.x(); x += 0.0719) {
+      for (double y = kPatch.min.y(); y <= kPatch.max.y(); y += 0.0713) {
+        const double d = std::abs(across(x, y)) / edge;
+        const auto s = fit.surface.sample(x, y);
+        const double filled_um = 1e3 * sign * (s.h - crease(x, y));
+        const double slope = sign * kJump / 2 * (across(x, y) > 0 ? 1 : -1);
+        const double off_slope = (Vec2(s.hx, s.hy) - slope * Vec2(cos, sin)).norm() / kJump;
+        const double in = std::min({x - kPatch.min.x(), kPatch.max.x() - x, y - kPatch.min.y(), kPatch.max.y() - y});
+        const bool at_border = in < 3 * edge;  // where a crease leaves the lens, its end is less sure
+        // Over one edge the crease rises by 50 um.
+        EXPECT_GT(filled_um, at_border ? -15 : -10);
+        EXPECT_LT(std::abs(filled_um), d > 3 ? (at_border ? 2 : 0.05) : d > 2 ? (at_border ? 5 : 0.3) : 26.0);
+        if (at_border) continue;
+        EXPECT_LT(off_slope, d > 3 ? 0.001 : d > 2 ? 0.015 : 0.6);
+      }
     }
   }
+}
+
+TEST(FitSpline, TakesNoBumpForACrease) {
+  // 20 um high, two edges from its middle to its steepest slope.
+  const double wide = 2 * kPatch.size().x() / kPatchCells;
+  const auto bump = [&](double x, double y) {
+    return 12 + 0.02 * std::exp(-(Vec2(x, y) - Vec2(4, 10)).squaredNorm() / (2 * wide * wide));
+  };
+  EXPECT_LT(worst_um(fit_spline(slid_mesh(kPatch, kPatchCells, 0.3, bump), kPatch).surface, bump), 1);
 }
 
 TEST(FitSpline, GoesOnSmoothlyWhereTheMeshDoesNotReach) {
