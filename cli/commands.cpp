@@ -186,7 +186,7 @@ int dry_run_programs(const Common& common, const std::vector<std::string>& progr
     list.push_back({{"kind", fault.kind}, {"program", fault.program}, {"line", fault.line}, {"message", fault.message}});
   }
   write_whole(fs::path(out) / "faults.json", json({{"faults", list}}).dump(2) + "\n");
-  progress.say("lines: " + std::to_string(outcome.lines) + ", minutes: " + fixed(outcome.machine_minutes, 1) + ", removed: " +
+  progress.say("lines: " + std::to_string(outcome.lines) + ", minutes: " + fixed(total_minutes(outcome.timing), 1) + ", removed: " +
                fixed(outcome.removed_mm3, 1) + " mm3, faults: " + std::to_string(outcome.faults.size()));
   if (outcome.faults.empty()) return kExitDone;
   const Fault& first = outcome.faults.front();

@@ -181,7 +181,8 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   report["polish_sigma_um"] = job.dry_run.polish_sigma_um;
   report["limit_violations"] = kinds["limit"];
   report["collisions"] = kinds["collision"] + kinds["rapid_in_stock"];
-  report["minutes"] = outcome.machine_minutes;
+  report["minutes"] = total_minutes(outcome.timing);
+  report.update(pass_timings(outcome.timing, folder.report().value("postproc", json::object()), read_machine(shop.machine_file)));
   report["removed_mm3"] = outcome.removed_mm3;
   report["link"] = {{"lines", outcome.lines},
                     {"lines_per_second", stream_seconds > 0 ? static_cast<double>(stream_lines) / stream_seconds : 0},

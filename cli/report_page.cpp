@@ -200,6 +200,8 @@ std::string warnings_box(const json& report) {
   for (const char* pass : kPassNames) {
     const json::json_pointer at(std::string("/postproc/") + pass);
     if (report.contains(at)) program_warnings(report.at(at), pass, item);
+    const std::string slow = report.value(json::json_pointer(std::string("/dry_run/") + pass + "/note"), "");
+    if (!slow.empty()) item(std::string(pass) + ": " + slow + ".");
   }
   item("Cutting data comes from tables and arithmetic and is untested on the machine.");
   return "<h2>Before you mill</h2>\n<div class=warn><ul>\n" + items + "</ul></div>\n";
@@ -307,7 +309,12 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/dry_run/collisions", "collisions and rapids through stock", "", 0, 0.0);
   figures.row("/dry_run/link/bytes_lost", "bytes lost on the line", "", 0, 0.0);
   figures.flag("/dry_run/link/digest_matches", "the machine executed every line, once, in order", "yes", "no");
-  figures.row("/dry_run/minutes", "time on the machine", "min", 1);
+  figures.row("/dry_run/minutes", "time on the machine, accelerations and dwells included", "min", 1);
+  for (const char* pass : kPassNames) {
+    const std::string at = std::string("/dry_run/") + pass;
+    figures.row((at + "/minutes").c_str(), std::string(pass) + ": time on the machine", "min", 1);
+    figures.row((at + "/mean_feed_mm_per_min").c_str(), std::string(pass) + ": mean feed reached at the tip", "mm/min", 0);
+  }
   figures.row("/dry_run/caustic/polished/l1_error", "picture error, polished (model)", "", 3);
   figures.row("/dry_run/caustic/raw/l1_error", "picture error, raw", "", 3);
   html += "<h2>Figures</h2>\n" + figures.table();

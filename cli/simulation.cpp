@@ -43,19 +43,32 @@ Fault fault_from(const json& j) {
 std::string numbers(const Vec3& v) { return compact(v.x(), 9) + "," + compact(v.y(), 9) + "," + compact(v.z(), 9); }
 
 /// From the machine's count of lines through all programs to a program and a line of its text.
-void locate(Fault& fault, const std::vector<fs::path>& programs, const std::vector<std::string>& texts) {
-  long count = fault.line;
-  if (count <= 0) return;
-  for (std::size_t i = 0; i < texts.size(); ++i) {
-    const auto lines = program_lines(texts[i]);
-    if (count <= static_cast<long>(lines.size())) {
-      fault.program = programs[i].filename().string();
-      fault.line = lines[static_cast<std::size_t>(count - 1)].number;
-      return;
+class LineFinder {
+ public:
+  LineFinder(const std::vector<fs::path>& programs, const std::vector<std::string>& texts) {
+    for (std::size_t i = 0; i < texts.size(); ++i) {
+      names_.push_back(programs[i].filename().string());
+      numbers_.emplace_back();
+      for (const auto& line : program_lines(texts[i])) numbers_.back().push_back(line.number);
     }
-    count -= static_cast<long>(lines.size());
   }
-}
+  void locate(std::string& program, long& line) const {
+    long count = line;
+    if (count <= 0) return;
+    for (std::size_t i = 0; i < names_.size(); ++i) {
+      if (count <= static_cast<long>(numbers_[i].size())) {
+        program = names_[i];
+        line = numbers_[i][static_cast<std::size_t>(count - 1)];
+        return;
+      }
+      count -= static_cast<long>(numbers_[i].size());
+    }
+  }
+
+ private:
+  std::vector<std::string> names_;
+  std::vector<std::vector<long>> numbers_;
+};
 
 /// The last line of what the child said before it died.
 std::string last_words(const fs::path& log) {
@@ -131,6 +144,10 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
   options.baud = shop.baud;
   options.stock.pitch_mm = shop.pitch_um / 1000;
   SimulatedMachine simulated(machine, setup, options);
+  MotionTimer timer(machine);
+  simulated.on_motion = [&](const Motion& motion, const std::vector<SweptMove>& pieces) {
+    timer.move(motion, pieces.front(), pieces.back());
+  };
   simulated.start();
   {
     PseudoTerminal terminal(link);
@@ -140,7 +157,7 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
   write_machined(out / "machined.tif", surface);
   const SimulationResult result = simulated.result();
   json record = {{"lines", result.lines},
-                 {"machine_seconds", result.machine_seconds},
+                 {"timing", json::array()},
                  {"received_bytes", result.received_bytes},
                  {"overflowed_bytes", result.overflowed_bytes},
                  {"highest_buffer_fill", result.highest_buffer_fill},
@@ -148,6 +165,8 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
                  {"removed_mm3", surface.removed_mm3},
                  {"faults", json::array()}};
   for (const Fault& fault : result.faults) record["faults"].push_back(to_json(fault));
+  timer.finish();
+  for (const SectionTiming& section : timer.sections()) record["timing"].push_back(to_json(section));
   write_whole(out / "result.json", record.dump(1) + "\n");
 }
 
@@ -233,12 +252,18 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   outcome.bytes_received = result.at("received_bytes");
   outcome.bytes_lost = result.at("overflowed_bytes");
   outcome.highest_buffer_fill = result.at("highest_buffer_fill");
-  outcome.machine_minutes = result.at("machine_seconds").get<double>() / 60;
   outcome.removed_mm3 = result.at("removed_mm3");
+  const LineFinder finder(programs, texts);
   for (const auto& record : result.at("faults")) {
     Fault fault = fault_from(record);
-    locate(fault, programs, texts);
+    finder.locate(fault.program, fault.line);
     outcome.faults.push_back(fault);
+  }
+  for (const auto& record : result.at("timing")) {
+    ProgramSection found{"", section_from(record)};
+    finder.locate(found.program, found.section.timing.slow_line);
+    finder.locate(found.program, found.section.line);
+    outcome.timing.push_back(found);
   }
 
   // The machine must have executed the very lines of the programs, each once and in order.
@@ -276,10 +301,12 @@ SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string
   write_machined(out / "machined.tif", run.surface);
   outcome.faults = std::move(run.faults);
   outcome.lines = run.blocks;
-  outcome.machine_minutes = run.machine_seconds / 60;
+  for (const SectionTiming& section : run.timing) {
+    outcome.timing.push_back({files[static_cast<std::size_t>(std::max(section.program, 1) - 1)].name, section});
+  }
   outcome.removed_mm3 = run.surface.removed_mm3;
   outcome.digest_matches = true;  // the very files
-  json record = {{"lines", run.blocks}, {"machine_seconds", run.machine_seconds}, {"removed_mm3", run.surface.removed_mm3}, {"faults", json::array()}};
+  json record = {{"lines", run.blocks}, {"removed_mm3", run.surface.removed_mm3}, {"faults", json::array()}};
   for (const Fault& fault : outcome.faults) record["faults"].push_back(to_json(fault));
   write_whole(out / "result.json", record.dump(1) + "\n");
   return outcome;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "cam/blank.h"
+#include "cli/timing_report.h"
 #include "design/core/geometry.h"
 #include "design/core/monitor.h"
 #include "machine/motion.h"
@@ -37,7 +38,7 @@ struct SimulationOutcome {
   long bytes_received = 0;
   long bytes_lost = 0;                      ///< dropped by a full receive buffer
   int highest_buffer_fill = 0;
-  double machine_minutes = 0;
+  std::vector<ProgramSection> timing;
   double stream_seconds = 0;                ///< the wall's
   double removed_mm3 = 0;
   bool digest_matches = false;              ///< the machine executed exactly the lines of the programs, in order

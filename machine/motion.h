@@ -15,9 +15,12 @@ struct Motion {
   JointPosition from, to;        ///< machine coordinates
   bool rapid = false;
   double seconds = 0;            ///< how long it takes at the commanded feed, axis limits respected
+  double stood_s = 0;            ///< dwell before it
   bool spindle_on = false;
   double spindle_rpm = 0;
   int tool = 0;                  ///< number of the tool in the spindle
+  double corner_tolerance_mm = -1;  ///< how far the tip may leave the corner at its end; 0: not at all; below 0: as the control does
+  bool exact_stop = false;       ///< stands at its end
 };
 
 /// The same in the workpiece frame: the tip moves on a straight line, the axis turns evenly (long rotary moves arrive in

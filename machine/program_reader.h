@@ -40,6 +40,8 @@ struct ProgramStep {
   AxisValues target{};      ///< kMove: machine coordinates
   AxisValues programmed{};  ///< kMove: in the active work offset; under TCP X, Y, Z are the tip in the workpiece frame
   double seconds = 0;       ///< kMove: at the programmed feed (0: rapid); kDwell
+  double corner_tolerance_mm = -1;  ///< kMove: how far the tip may leave its end; 0: not at all; below 0: as the control does
+  bool exact_stop = false;  ///< kMove: stands at its end
   int number = 0;           ///< tool; spindle 3, 4, 5; coolant 7, 8, 9
   double rpm = 0;
 };

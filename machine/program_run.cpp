@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "design/core/text.h"
 #include "machine/detail/stock_worker.h"
@@ -29,6 +30,7 @@ class Runner {
         dialect_(dialect),
         setup_(setup),
         view_(machine, setup.workpiece_origin_mm),
+        timer_(machine),
         stock_(setup.blank, options) {
     at_[2] = machine.retract_z_mm;
     const Vec3& zero = setup.workpiece_origin_mm;
@@ -40,6 +42,7 @@ class Runner {
   bool run(const ProgramFile& program, const Monitor& monitor) {
     program_ = program.name;
     stock_.begin_program(program.name);
+    timer_.begin_program();
     reader_.start = at_;
     const auto lines = static_cast<double>(std::count(program.text.begin(), program.text.end(), '\n') + 1);
     long steps = 0;
@@ -66,6 +69,8 @@ class Runner {
     stock_.finish();
     result_.faults.insert(result_.faults.end(), stock_.faults().begin(), stock_.faults().end());
     result_.surface = stock_.stock().surface();
+    timer_.finish();
+    result_.timing = timer_.sections();
     return std::move(result_);
   }
 
@@ -86,11 +91,12 @@ class Runner {
       case ProgramStep::kMove:
         return move(step);
       case ProgramStep::kDwell:
-        result_.machine_seconds += step.seconds;
+        commanded_s_ += step.seconds;
+        stood_s_ += step.seconds;
         return;
       case ProgramStep::kSpindle:
         if (step.number == 3 && !(cutting_ && rpm_ > 0))
-          at_speed_s_ = result_.machine_seconds + machine_.spindle_start_s;
+          at_speed_s_ = commanded_s_ + machine_.spindle_start_s;
         cutting_ = step.number == 3;  // cutters are right-handed
         rpm_ = step.number == 5 ? 0 : step.rpm;
         return;
@@ -144,19 +150,22 @@ class Runner {
     motion.to = position(to);
     motion.rapid = step.rapid;
     motion.seconds = std::max(step.seconds, least_seconds(to));
-    motion.spindle_on = cutting_ && rpm_ > 0 && result_.machine_seconds >= at_speed_s_ - 1e-9;
+    motion.spindle_on = cutting_ && rpm_ > 0 && commanded_s_ >= at_speed_s_ - 1e-9;
     motion.spindle_rpm = rpm_;
     motion.tool = tool_ != nullptr ? tool_->number : 0;
     if (tool_ == nullptr && !step.rapid && !told_no_tool_) {
       told_no_tool_ = true;
       add_fault("no_tool", step.line, "a feed move without a tool in the spindle");
     }
-    result_.machine_seconds += motion.seconds;
+    motion.corner_tolerance_mm = step.corner_tolerance_mm;
+    motion.exact_stop = step.exact_stop;
+    motion.stood_s = std::exchange(stood_s_, 0.0);
+    commanded_s_ += motion.seconds;
     at_ = to;
-    if (tool_ == nullptr) return;
     pieces_.clear();
-    view_.sweep(motion, tool_->length_mm, {}, pieces_);
-    stock_.move(pieces_);
+    view_.sweep(motion, tool_ ? tool_->length_mm : 0, {}, pieces_);
+    timer_.move(motion, pieces_.front(), pieces_.back());
+    if (tool_ != nullptr) stock_.move(pieces_);
   }
 
   [[nodiscard]] double axis_seconds(std::size_t axis, double from, double to) const {
@@ -196,6 +205,7 @@ class Runner {
   ReaderDialect dialect_;
   const OperatorSetup& setup_;
   WorkpieceView view_;
+  MotionTimer timer_;
   detail::StockWorker stock_;
   ReaderSetup reader_;
   ProgramRun result_;
@@ -204,6 +214,8 @@ class Runner {
   const Cutter* tool_ = nullptr;
   bool cutting_ = false, told_no_tool_ = false;
   double rpm_ = 0, at_speed_s_ = 0;
+  double stood_s_ = 0;
+  double commanded_s_ = 0;  ///< machine time without accelerations: no spindle is ever thought ready too early
   std::vector<SweptMove> pieces_;
 };
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "design/core/monitor.h"
+#include "machine/motion_timing.h"
 #include "machine/program_reader.h"
 #include "machine/simulated_machine.h"
 
@@ -18,7 +19,7 @@ struct ProgramFile {
 
 struct ProgramRun {
   long blocks = 0;             ///< executed
-  double machine_seconds = 0;  ///< at the commanded feeds and the axes' speeds
+  std::vector<SectionTiming> timing;  ///< of every tool in every program
   std::vector<Fault> faults;   ///< of the control ("error", "limit", "no_tool", "no_program_end"), then of the stock
   MachinedSurface surface;
 };

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <deque>
 #include <optional>
+#include <utility>
 
 #include "design/core/text.h"
 #include "machine/detail/interpreter.h"
@@ -72,6 +73,7 @@ struct SimulatedMachine::Impl {
   double rpm = 0;
   double at_speed_s = 0;  ///< machine time at which the spindle has reached its speed
   double machine_seconds = 0;
+  double stood_s = 0;  ///< dwell since the last motion
   std::vector<SweptMove> pieces;
   std::vector<Fault> faults;
   bool told_no_tool = false;
@@ -227,11 +229,13 @@ struct SimulatedMachine::Impl {
   void perform(const Planned& done) {
     if (done.dwell) {
       machine_seconds += done.motion.seconds;
+      stood_s += done.motion.seconds;
       return;
     }
     Motion motion = done.motion;
     // Cutters are right-handed: they cut when the spindle turns clockwise and has reached its speed.
     motion.spindle_on = spindle_clockwise && machine_seconds >= at_speed_s - 1e-9;
+    motion.stood_s = std::exchange(stood_s, 0.0);
     machine_seconds += motion.seconds;
     joints = motion.to;
     if (tool == nullptr && !motion.rapid && !told_no_tool) {

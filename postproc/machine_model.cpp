@@ -169,6 +169,7 @@ MachineModel read_machine(const std::filesystem::path& path) {
     refuse(controller, "tcp", "must be false: grblHAL has no tool-centre-point control");
   }
   if (machine.has_tcp && !machine.has_rotary()) refuse(controller, "tcp", "must be false on three axes");
+  machine.corner_tolerance_mm = controller.number_in("corner_tolerance_um", 10, 0, 10000) / 1000;
   if (controller.has("straight_rapids")) machine.straight_rapids = controller.boolean("straight_rapids", true);
   machine.receive_buffer_bytes = controller.integer_in("receive_buffer_bytes", 1024, 128, 1 << 20);
   machine.planner_blocks = controller.integer_in("planner_blocks", 100, 1, 100000);

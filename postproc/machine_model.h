@@ -68,6 +68,7 @@ struct MachineModel {
   int receive_buffer_bytes = 1024;
   int planner_blocks = 100;
   double min_block_s = 0;            ///< block processing time
+  double corner_tolerance_mm = 0.01; ///< how far the control leaves a corner where the program does not say (grbl: $11)
   std::optional<bool> straight_rapids;  ///< G0 moves all axes in step; empty: as the control does by default
   std::size_t max_program_bytes = 0; ///< programs longer than this are split; 0: no limit
 

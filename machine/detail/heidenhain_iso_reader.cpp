@@ -147,7 +147,10 @@ class HeidenhainIsoReader {
   }
 
   void perform(const Words& w) {
-    if (w.has(62)) return;               // tolerance; T is its width
+    if (w.has(62)) {
+      core_.corner_tolerance_mm = w.t > 0 ? w.t : -1;
+      return;
+    }
     if (w.has(30) || w.has(31)) return;  // the blank
     for (const int code : w.g) {
       if (code <= 3) motion_ = code;

@@ -235,6 +235,7 @@ class HeidenhainReader {
       return core_.say(ProgramStep::kDwell, 0, seconds);
     }
     if (what == "32.1" || what == "32.2") {
+      if (what == "32.1") core_.corner_tolerance_mm = -1;
       for (std::size_t i = 3; i < tokens_.size(); ++i) {
         const std::string_view text = tokens_[i].text;
         const std::size_t skip = text.starts_with("HSC-MODE:") ? 9
@@ -242,7 +243,8 @@ class HeidenhainReader {
                                  : text.starts_with("T")       ? 1
                                                                : 0;
         if (skip == 0) expect_end(i);
-        static_cast<void>(signed_number(text.substr(skip), tokens_[i].column));
+        const double value = signed_number(text.substr(skip), tokens_[i].column);
+        if (what == "32.1" && skip == 1) core_.corner_tolerance_mm = std::max(0.0, value);
       }
       return;
     }

@@ -83,6 +83,7 @@ void ReaderCore::pass(const AxisValues& to, bool rapid, double seconds, bool who
   step.rapid = rapid;
   step.tcp = tcp_;
   step.seconds = seconds;
+  step.corner_tolerance_mm = corner_tolerance_mm;
   int pieces = 1;
   const double turn = std::abs(to[3] - here_[3]) + std::abs(to[4] - here_[4]);
   const AxisValues from = here_;
@@ -108,6 +109,7 @@ void ReaderCore::pass(const AxisValues& to, bool rapid, double seconds, bool who
   step.seconds /= pieces;
   for (int i = 1; i <= pieces; ++i) {
     step.whole = whole && i == pieces;
+    step.exact_stop = exact_stop && step.whole;
     step.programmed = i == pieces ? to : at(static_cast<double>(i) / pieces);
     step.target = to_joints(step.programmed);
     for (const double q : step.target) {

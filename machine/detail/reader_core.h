@@ -61,6 +61,9 @@ class ReaderCore {
   [[nodiscard]] double seconds_at(const AxisValues& to, double feed_per_min) const;
 
   long line = 0;
+  // How corners are passed, for the moves to come (ProgramStep).
+  double corner_tolerance_mm = -1;
+  bool exact_stop = false;
   const ReaderSetup& setup;
   const MachineModel& machine;
 

@@ -67,6 +67,11 @@ class SiemensReader {
     if (any) perform(words);
   }
 
+  void pass_corners(bool exact_stop, double tolerance_mm) {
+    core_.exact_stop = exact_stop;
+    core_.corner_tolerance_mm = tolerance_mm;
+  }
+
   void read_word(Words& w, std::uint32_t& groups) {
     const int where = column();
     for (const std::string_view keyword :
@@ -78,14 +83,22 @@ class SiemensReader {
         break;
       }
       if (keyword == "SUPA") w.suppress = true;
+      if (keyword == "G642") pass_corners(false, -1);
       if (keyword == "TRAORI") w.tcp = 1;
       if (keyword == "TRAFOOF") w.tcp = 0;
       if (keyword == "ORIAXES") axes_interpolate_ = true;
       if (keyword == "ORIVECT") reject(where, "only ORIAXES is followed: rotary axes turn evenly");
       return;
     }
-    if (take("CYCLE832(") || take("MSG(")) {
+    const bool cycle832 = take("CYCLE832(");
+    if (cycle832 || take("MSG(")) {
+      const char* const begin = p_;
       while (p_ != end_ && *p_ != ')') ++p_;
+      if (cycle832) {
+        double tolerance = 0;
+        const char* at = begin;
+        pass_corners(false, read_digits(at, p_, tolerance) && tolerance > 0 ? tolerance * unit_ : -1);
+      }
       if (!take(")")) reject(where, "')' is missing");
       return;
     }
@@ -191,6 +204,7 @@ class SiemensReader {
         return once(8);
       case 60:
       case 64:
+        pass_corners(code == 60, code == 60 ? 0 : -1);
         return once(10);
       case 70:
       case 71:

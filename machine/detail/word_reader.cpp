@@ -685,8 +685,10 @@ class WordReader {
           offset = code >= 591 ? code - 591 + 6 : code / 10 - 54;
           break;
         case 13:
+          core_.exact_stop = code == 611 || (fanuc_ && code == 610);
+          core_.corner_tolerance_mm = fanuc_ ? -1 : code == 640 ? std::numeric_limits<double>::infinity() : 0;
           if (code == 640) {
-            if (has('P')) use('P');
+            if (has('P')) core_.corner_tolerance_mm = unit_ * std::abs(use('P'));
             if (has('Q')) use('Q');
           }
           break;

@@ -91,7 +91,7 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
         "/postproc/semi_finish/bytes", "/postproc/finish/max_tip_error_um", "/postproc/finish/max_axis_speed_ratio", "/dry_run/faults",
         "/dry_run/max_gouge_um", "/dry_run/max_cusp_um", "/dry_run/p99_cusp_um", "/dry_run/residue_um", "/dry_run/limit_violations",
         "/dry_run/collisions", "/dry_run/minutes", "/dry_run/seconds", "/dry_run/caustic/raw/l1_error", "/dry_run/caustic/polished/psnr_db",
-        "/dry_run/caustic/polished/flux_outside_support"}) {
+        "/dry_run/caustic/polished/flux_outside_support", "/dry_run/rough/minutes", "/dry_run/finish/slow_share"}) {
     const json::json_pointer p(pointer);
     EXPECT_TRUE(report.contains(p) && report.at(p).is_number()) << pointer;
   }
@@ -102,6 +102,15 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   EXPECT_GT(report.at("/dry_run/max_cusp_um"_json_pointer), 2.0) << "a ball at this stepover cannot leave less";
   EXPECT_LT(report.at("/design/caustic/l1_error"_json_pointer), 0.1);
   EXPECT_EQ(report.at("/dry_run/link/digest_matches"_json_pointer), true);
+  // Every block takes its time: the passes' times are the whole, and longer than what the feeds alone ask for.
+  double minutes = 0;
+  for (const char* pass : {"rough", "semi_finish", "finish"}) {
+    const json timing = report.at("dry_run").at(pass);
+    EXPECT_GT(timing.at("minutes"), timing.at("commanded_minutes")) << pass;
+    EXPECT_GE(timing.at("commanded_feed_mm_per_min"), timing.at("mean_feed_mm_per_min")) << pass;
+    minutes += timing.at("minutes").get<double>();
+  }
+  EXPECT_NEAR(report.at("/dry_run/minutes"_json_pointer).get<double>(), minutes, 1e-9);
   // Pages refer to nothing that is not there.
   const std::string page = slurp(fs::path(run) / "report.html");
   EXPECT_EQ(page.find("http"), std::string::npos) << "no resource from elsewhere";
