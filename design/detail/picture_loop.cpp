@@ -69,6 +69,7 @@ PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vect
       flux_(std::move(flux)),
       gradients_(triangles.size()),
       areas_(triangles.size(), 0.0),
+      steered_(triangles.size(), 0),
       extent_(picture.extent),
       factor_(std::make_unique<Factor>()) {
   const Vec2 size = extent_.size();
@@ -92,6 +93,7 @@ PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vect
 
   const OneBlasThread one_blas_thread;
   constexpr double kLeastStretch = 0.02;  // of the map: light for a curve has none
+  constexpr double kStiff = 1e3;          // light for curves: as if the map shrank everything by so much
   constexpr double kHold = 1e-8;          // of the mean diagonal: potentials between creases are known up to constants
   const auto judged_at = [&](const Vec2& p) {
     const int i = static_cast<int>(std::clamp(p.x(), 0.0, wanted_.width - 1.0));
@@ -106,8 +108,6 @@ PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vect
     if (creases.torn(c[0], c[1]) || creases.torn(c[1], c[2]) || creases.torn(c[2], c[0])) continue;
     const double area = area_of({places[c[0]], places[c[1]], places[c[2]]});
     if (!(area > 0)) continue;
-    // Light for curves stays: it would be the shortest way for all that is missing around it.
-    if (!judged_at((aims[c[0]] + aims[c[1]] + aims[c[2]]) / 3)) continue;
     areas_[t] = area;
     Eigen::Matrix2d from, to;
     from << places[c[1]] - places[c[0]], places[c[2]] - places[c[0]];
@@ -117,9 +117,14 @@ PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vect
     // The map is the gradient of a convex function; what is not is rounding.
     const Eigen::Matrix2d map = to * inverse;
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> stretch((map + map.transpose()) / 2);
-    const Eigen::Matrix2d softness = flux_[t] * stretch.eigenvectors() *
-                                     stretch.eigenvalues().cwiseMax(kLeastStretch).cwiseInverse().asDiagonal() *
-                                     stretch.eigenvectors().transpose();
+    // Light for curves would be the shortest way for all that is missing around it.
+    steered_[t] = judged_at(aims[c[0]]) && judged_at(aims[c[1]]) && judged_at(aims[c[2]]);
+    Eigen::Matrix2d softness = kStiff * Eigen::Matrix2d::Identity();
+    if (steered_[t]) {
+      softness = stretch.eigenvectors() * stretch.eigenvalues().cwiseMax(kLeastStretch).cwiseInverse().asDiagonal() *
+                 stretch.eigenvectors().transpose();
+    }
+    softness *= flux_[t];
     for (int i = 0; i < 3; ++i) {
       for (int j = 0; j < 3; ++j) {
         if (c[i] < c[j]) continue;
@@ -152,19 +157,32 @@ PictureLoop::Errors PictureLoop::errors(const std::vector<Vec2>& landed_mm) cons
   const std::vector<Vec2> landed = in_pixels(landed_mm);
   constexpr std::size_t kBlocks = 8;  // with a grid each, summed in order
   const std::size_t block = (triangles_.size() + kBlocks - 1) / kBlocks;
-  std::vector<LightGrid> parts(kBlocks, LightGrid(wanted_.width, wanted_.height));
+  std::vector<LightGrid> steered(kBlocks, LightGrid(wanted_.width, wanted_.height));
+  std::vector<LightGrid> others = steered;
   parallel_blocks(triangles_.size(), block, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {
       const auto& c = triangles_[t];
-      parts[begin / block].add_triangle(landed[c[0]], landed[c[1]], landed[c[2]], flux_[t]);
+      (steered_[t] ? steered : others)[begin / block].add_triangle(landed[c[0]], landed[c[1]], landed[c[2]], flux_[t]);
     }
   });
+  // What others bring already is not asked of the steered, nor to take back what others have spilled; what is left of the
+  // picture is then as much light as they have.
   Errors errors{wanted_};
-  for (std::size_t i = 0; i < errors.missing.values.size(); ++i) {
+  std::vector<double> there(wanted_.values.size(), 0.0);
+  double asked = 0, had = 0;
+  for (std::size_t i = 0; i < there.size(); ++i) {
     double& missing = errors.missing.values[i];
-    for (const LightGrid& part : parts) missing -= part.flux.values[i];
-    errors.sum += std::abs(missing);
-    if (!judged_[i]) missing = 0;
+    for (const LightGrid& part : steered) there[i] += part.flux.values[i];
+    for (const LightGrid& part : others) missing -= part.flux.values[i];
+    errors.sum += std::abs(missing - there[i]);
+    missing = std::max(missing, 0.0);
+    if (!judged_[i]) continue;
+    asked += missing;
+    had += there[i];
+  }
+  for (std::size_t i = 0; i < there.size(); ++i) {
+    double& missing = errors.missing.values[i];
+    missing = judged_[i] && asked > 0 ? missing * had / asked - there[i] : 0;
   }
   return errors;
 }

@@ -12,7 +12,8 @@
 
 namespace lightmill::detail {
 
-/// Beams of triangles against a picture. Beside curves and points nothing is asked for: their light has no area.
+/// Beams of triangles against a picture. Beside curves and points nothing is asked for: their light has no area. Triangles that
+/// aim there, and those that a crease crosses, are not steered.
 class PictureLoop {
  public:
   /// `places`: where the vertices' light lands unbent; `targets`: where it shall go; `flux`: the light through each
@@ -24,15 +25,16 @@ class PictureLoop {
   PictureLoop& operator=(const PictureLoop&) = delete;
 
   struct Errors {
-    Grid<double> missing;  ///< light per pixel; below 0: too much
-    double sum = 0;        ///< of the pixels' absolute values, those beside curves and points too
+    Grid<double> missing;  ///< light per pixel that steered triangles shall bring, below 0: take away; the sum is 0
+    double sum = 0;        ///< of all differences between picture and light
   };
   /// When the vertices' rays land here.
   [[nodiscard]] Errors errors(const std::vector<Vec2>& landed_mm) const;
 
   /// How far each target shall move, at most half a pixel. A change d of the map T moves its light f by div(f d) on the receiver; d
   /// is the gradient of a potential over the places, because slopes must be. Weakly, with a hat function u of each vertex:
-  /// sum over triangles of f grad u . DT^-1 d = sum of u missing (a Newton step on the Monge-Ampere equation).
+  /// sum over triangles of f grad u . DT^-1 d = sum of u missing (a Newton step on the Monge-Ampere equation). Light for curves
+  /// is stiff: it stays, and what lies around it slides only towards it or away, so that the slopes remain a surface's.
   [[nodiscard]] std::vector<Vec2> moves(const Errors& errors, const std::vector<Vec2>& landed_mm) const;
 
  private:
@@ -43,6 +45,7 @@ class PictureLoop {
   std::vector<double> flux_;
   std::vector<std::array<Vec2, 3>> gradients_;  // of the corners' hat functions over the places
   std::vector<double> areas_;                   // of triangles over the places; 0: a crease crosses it
+  std::vector<char> steered_;                   // triangles
   Box2 extent_;
   Grid<double> wanted_;
   std::vector<char> judged_;                    // pixels away from curves and points

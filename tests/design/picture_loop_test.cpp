@@ -79,6 +79,58 @@ TEST(PictureLoop, AsksForNothingBesideCurves) {
   for (const double missing : errors.missing.values) EXPECT_LT(std::abs(missing), 1e-12);
 }
 
+TEST(PictureLoop, AsksNobodyToTakeBackWhatOthersSpill) {
+  // A dark half; triangles across a crease throw their light there.
+  Waves waves(0);
+  for (int j = 0; j < 120; ++j) {
+    for (int i = 80; i < 160; ++i) waves.target.area_flux.at(i, j) = 0;
+  }
+  waves.target.normalise();
+  Creases creases;
+  std::vector<Vec2> landed = waves.places;
+  for (Vec2& p : landed) p.x() = p.x() / 2 - kWidth / 4;
+  for (std::size_t v = 0; v < waves.places.size(); ++v) {
+    const int n = static_cast<int>(v) + 1;
+    if (std::abs(waves.places[v].x()) > 0.1) continue;
+    creases.shares.emplace(Creases::key(n - 1, n), 0.5);
+    landed[v].x() = kWidth / 4;
+  }
+  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, landed, creases);
+  const auto errors = loop.errors(landed);
+  EXPECT_GT(errors.sum, 0.02);
+  double sum = 0;
+  for (int j = 0; j < errors.missing.height; ++j) {
+    for (int i = 0; i < errors.missing.width; ++i) {
+      sum += errors.missing.at(i, j);
+      if (i > 30) {
+        EXPECT_EQ(errors.missing.at(i, j), 0) << i << " " << j;
+      }
+    }
+  }
+  EXPECT_NEAR(sum, 0, 1e-12);
+}
+
+TEST(PictureLoop, LightForACurveStaysAndTheLightBesideItDoesNotSlideAlong) {
+  constexpr double kAmplitude = 0.05;
+  Waves waves(kAmplitude);
+  waves.target.curves.push_back({{{-kWidth / 2, 1}, {kWidth / 2, 1}}, {1e-3, 1e-3}});
+  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, Creases{});
+  const std::vector<Vec2> moves = loop.moves(loop.errors(waves.places), waves.places);
+  const double typical = kAmplitude / (3 * kPi / kWidth);
+  double farthest = 0;
+  for (std::size_t v = 0; v < moves.size(); ++v) {
+    const double beside = std::abs(waves.places[v].y() - 0.5);  // the curve is in one row of pixels, and three each way are its own
+    if (beside < 3) {
+      EXPECT_LT(moves[v].norm(), 0.01 * typical) << waves.places[v].transpose();
+    }
+    if (beside < 4.6) {
+      EXPECT_LT(std::abs(moves[v].x()), 0.4 * typical) << waves.places[v].transpose();
+    }
+    farthest = std::max(farthest, std::abs(moves[v].x()));
+  }
+  EXPECT_GT(farthest, 0.7 * typical);
+}
+
 TEST(PictureLoop, MovesNothingAcrossACrease) {
   const Waves waves(0.05);
   Creases creases;
