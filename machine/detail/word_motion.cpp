@@ -1,0 +1,194 @@
+// Offsets, lengths, moves and arcs of RS274/NGC and Fanuc.
+#include "machine/detail/word_reader.h"
+
+namespace lightmill::detail {
+
+void WordReader::renew_offset() {
+  AxisValues sum = offsets_[offset_];
+  for (std::size_t i = 0; i < 5; ++i) sum[i] += shift_[i];
+  core_.set_offset(sum);
+}
+
+/// G43, G43.1, G43.4, G49; true if the axis words are its own.
+bool WordReader::set_length(int tenths) {
+  if (tenths == 490) {
+    core_.set_tcp(false);
+    core_.set_length(0);
+    return false;
+  }
+  if (tenths == 431) {
+    core_.set_length(need('Z', "G43.1") * unit_);
+    return true;
+  }
+  double h = tool_;
+  if (has('H'))
+    h = use('H');
+  else if (fanuc_)
+    reject(1, "G43 needs H");
+  if (h != std::floor(h) || h < 0 || h > 99999) reject(column_of('H'), "H names a tool");
+  core_.set_length(core_.tool_length(static_cast<int>(h), column_of('H')));
+  if (tenths == 434) core_.set_tcp(true);
+  return false;
+}
+
+/// G10, G28, G30, G92 and its likes; true if the axis words are its own.
+bool WordReader::shift(int tenths) {
+  switch (tenths) {
+    case 100:
+      set_data();
+      return true;
+    case 280:
+    case 300:
+      reference();
+      return true;
+    case 920:
+      for (const int axis : taken_axes()) {
+        const auto i = static_cast<std::size_t>(axis);
+        shift_[i] += core_.here()[i] - target_value(axis);
+      }
+      renew_offset();
+      return true;
+    case 921:
+    case 922:
+      kept_shift_ = tenths == 922 ? shift_ : AxisValues{};
+      shift_ = {};
+      renew_offset();
+      return false;
+    case 923:
+      shift_ = kept_shift_;
+      renew_offset();
+      return false;
+    default:
+      return false;
+  }
+}
+
+std::vector<int> WordReader::taken_axes() {
+  std::vector<int> axes;
+  for (std::uint32_t rest = words_ & axis_letters_; rest != 0; rest &= rest - 1)
+    axes.push_back(core_.axis_of(static_cast<char>('A' + std::countr_zero(rest))));
+  return axes;
+}
+
+double WordReader::target_value(int axis) {
+  const char letter = axis < 3    ? static_cast<char>('X' + axis)
+                      : axis == 3 ? core_.machine.outer.letter
+                                  : core_.machine.inner.letter;
+  return use(letter) * scale(axis);
+}
+
+/// X and Y of the words @ and ^ about the program's zero; under G91 they add to where the machine stands.
+std::pair<double, double> WordReader::polar_end() {
+  if (plane_ != 0) reject(polar_column_, "polar words need G17");
+  if (has('X') || has('Y')) reject(polar_column_, "polar words beside X or Y");
+  const double x = core_.here()[0], y = core_.here()[1];
+  const bool at_zero = std::hypot(x, y) < 1e-9;
+  if (at_zero && (incremental_ || !polar_angle_ || !polar_radius_)) {
+    reject(polar_column_, "at zero a polar word has no radius or angle to start from");
+  }
+  double radius = std::hypot(x, y), angle = std::atan2(y, x);
+  if (polar_radius_) radius = *polar_radius_ * unit_ + (incremental_ ? radius : 0);
+  if (polar_angle_) angle = *polar_angle_ * kRadPerDegree + (incremental_ ? angle : 0);
+  return {radius * std::cos(angle), radius * std::sin(angle)};
+}
+
+void WordReader::set_data() {
+  const double l = need('L', "G10"), p = need('P', "G10 L2");
+  if ((l != 2 && l != 20) || p < 0 || p > 9 || p != std::floor(p))
+    reject(column_of('L'), "G10 is understood with L2 and L20, P0 to P9");
+  const std::size_t system = p == 0 ? offset_ : static_cast<std::size_t>(p) - 1;
+  for (const int axis : taken_axes()) {
+    const double v = target_value(axis);
+    const double machine = core_.joints()[static_cast<std::size_t>(axis)] - (axis == 2 ? core_.length_mm() : 0);
+    offsets_[system][static_cast<std::size_t>(axis)] =
+        l == 2 ? v : machine - v - shift_[static_cast<std::size_t>(axis)];
+  }
+  renew_offset();
+}
+
+/// G28, G30: through the point named to the machine's zero.
+void WordReader::reference() {
+  const auto axes = taken_axes();
+  if (core_.tcp()) reject(1, "reference move while tool-centre-point control is on");
+  AxisValues via = core_.here();
+  for (const int axis : axes) {
+    const double v = target_value(axis);
+    via[static_cast<std::size_t>(axis)] = incremental_ ? via[static_cast<std::size_t>(axis)] + v : v;
+  }
+  if (!axes.empty()) core_.move(via, true, 0);
+  AxisValues home = core_.joints();
+  for (int axis = 0; axis < 5; ++axis) {
+    if (axes.empty() || std::find(axes.begin(), axes.end(), axis) != axes.end())
+      home[static_cast<std::size_t>(axis)] = 0;
+  }
+  core_.move_joints(home, true, 0);
+}
+
+void WordReader::move(bool machine_coordinates, bool feed_here) {
+  AxisValues to = core_.here();
+  const std::uint32_t named = words_ & axis_letters_;
+  if (machine_coordinates) {
+    if (motion_ > 1) reject(1, "G53 needs G0 or G1");
+    to = core_.joints();
+  }
+  if (motion_ >= 81) return drill();
+  last_cycle_ = -1;
+  if (polar()) {
+    if (machine_coordinates) reject(polar_column_, "polar words name no machine coordinates");
+    const auto [x, y] = polar_end();
+    to[0] = x;
+    to[1] = y;
+  }
+  for (const int axis : taken_axes()) {
+    const double v = target_value(axis);
+    to[static_cast<std::size_t>(axis)] =
+        incremental_ && !machine_coordinates ? to[static_cast<std::size_t>(axis)] + v : v;
+  }
+  if (motion_ == 80) reject(1, "axis words while motion is cancelled");
+  if (motion_ != 0) {
+    if (inverse_time_ && !feed_here) reject(1, "F is missing in a block with inverse-time feed");
+    if (feed_ == 0) reject(1, "feed not given or zero");
+  }
+  if (motion_ <= 1) {
+    if (machine_coordinates)
+      core_.move_joints(to, motion_ == 0, timed(core_.seconds_at(to, feed_)));
+    else
+      core_.move(to, motion_ == 0, timed(core_.seconds_at(to, feed_)));
+    return;
+  }
+  arc(to, named);
+}
+
+void WordReader::arc(const AxisValues& to, std::uint32_t named) {
+  // The plane's axes in the order of a right-handed turn, and the letters of the centre.
+  static constexpr int kPlanes[3][3] = {{0, 1, 2}, {2, 0, 1}, {1, 2, 0}};
+  const int u = kPlanes[plane_][0], v = kPlanes[plane_][1], w = kPlanes[plane_][2];
+  const AxisValues from = core_.here();
+  const bool clockwise = motion_ == 2;
+  double cu = 0, cv = 0, extra_turns = 0;
+  if (has('P')) {
+    extra_turns = use('P') - 1;
+    if (extra_turns < 0 || extra_turns > 1000 || extra_turns != std::floor(extra_turns))
+      reject(column_of('P'), "P counts an arc's turns");
+  }
+  if (has('R')) {
+    if ((named & (bit(static_cast<char>('X' + u)) | bit(static_cast<char>('X' + v)))) == 0)
+      reject(1, "no axis word in the arc's plane");
+    centre_by_radius(from[u], from[v], to[u], to[v], use('R') * unit_, clockwise, column_of('R'), cu, cv);
+  } else {
+    const char iu = static_cast<char>('I' + u), iv = static_cast<char>('I' + v);
+    if (!has(iu) && !has(iv)) reject(1, "arc without centre or radius");
+    if (centre_absolute_ && (!has(iu) || !has(iv))) reject(1, "an absolute centre needs both words");
+    cu = (has(iu) ? use(iu) * unit_ : 0) + (centre_absolute_ ? 0 : from[u]);
+    cv = (has(iv) ? use(iv) * unit_ : 0) + (centre_absolute_ ? 0 : from[v]);
+    const double r0 = std::hypot(from[u] - cu, from[v] - cv), r1 = std::hypot(to[u] - cu, to[v] - cv),
+                 off = std::abs(r1 - r0);
+    if (r0 == 0 || off > 0.5 || (off > 0.005 && off > 0.001 * r0)) reject(1, "the arc's ends do not fit its centre");
+  }
+  double turn = turn_between(std::atan2(from[v] - cv, from[u] - cu), std::atan2(to[v] - cv, to[u] - cu), clockwise);
+  turn += (clockwise ? -2 : 2) * kPi * extra_turns;
+  const double length = std::hypot(std::hypot(from[u] - cu, from[v] - cv) * turn, to[w] - from[w]);
+  core_.arc(to, u, v, cu, cv, turn, timed(length * 60 / feed_));
+}
+
+}  // namespace lightmill::detail

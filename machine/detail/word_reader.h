@@ -1,0 +1,168 @@
+// RS274/NGC as LinuxCNC reads it, and Fanuc's blocks, which share its words: one reader, its parts in sources of their
+// own.
+#pragma once
+
+#include <bit>
+#include <optional>
+#include <unordered_map>
+
+#include "machine/detail/reader_core.h"
+
+namespace lightmill::detail {
+
+inline std::size_t index_of(char letter) {
+  return static_cast<std::size_t>(letter - 'A');
+}
+constexpr std::uint32_t bit(char letter) {
+  return 1U << (letter - 'A');
+}
+
+class WordReader {
+ public:
+  WordReader(std::string_view text, bool fanuc, ReaderCore& core);
+  ReadResult run();
+
+ private:
+  // --- A line's text, without blanks and comments, in capitals: word_reader.cpp ---
+  void prepare(std::string_view line);
+  [[nodiscard]] int column() const {
+    const auto i = static_cast<std::size_t>(p_ - text_.data());
+    return columns_.empty() ? 1 : columns_[std::min(i, columns_.size() - 1)];
+  }
+  bool take(std::string_view word) {
+    if (!std::string_view(p_, static_cast<std::size_t>(end_ - p_)).starts_with(word)) return false;
+    p_ += word.size();
+    return true;
+  }
+
+  // --- Numbers, parameters, functions, expressions: word_expressions.cpp ---
+  double value(int depth = 0);
+  std::string name_end();
+  double* named(const std::string& name);
+  double parameter(int depth);
+  static int address(double v, int where);
+  double numbered(int n);
+  double bracket(int depth);
+  double level(int strength, int depth);
+
+  // --- O-words, subprograms, kept modes: word_flow.cpp ---
+  struct Frame {
+    std::size_t back;
+    std::unordered_map<int, double> saved;
+    std::size_t loops;
+  };
+  /// What M70 keeps.
+  struct Modes {
+    double unit, feed, rpm;
+    bool incremental, centre_absolute, inverse_time, to_r_level;
+    int plane, spindle;
+    std::size_t offset;
+  };
+  struct Loop {
+    std::string label;
+    std::size_t line;
+    double left;
+    bool repeats;
+  };
+  std::string label();
+  std::size_t find(std::size_t from, const std::string& wanted, std::initializer_list<std::string_view> words,
+                   std::string_view* found = nullptr);
+  void leave_sub();
+  void enter_sub(Frame frame);
+  void keep_modes(int code);
+  void restore();
+  void leave_loop(const std::string& name, int where, bool again);
+  void flow();
+  void call_fanuc();
+
+  // --- A block and its codes: word_reader.cpp ---
+  struct Code {
+    char letter;
+    int tenths, group;
+  };
+  /// What a block's codes ask for; -1: nothing of the kind.
+  struct Request {
+    int motion = -1, length = -1, shot = -1, offset = -1, feed_mode = -1, stop = -1, spindle = -1, coolant = -1,
+        tcp = -1, keep = -1;
+    bool change = false;
+  };
+  void read_block(std::string_view line);
+  void read_word(std::uint32_t& groups);
+  [[nodiscard]] int g_group(int tenths) const;
+  [[nodiscard]] int m_group(int tenths) const;
+  void take_g(const Code& g, Request& request);
+  void take_m(int code, Request& request);
+  void set_corners(int tenths);
+  [[nodiscard]] bool has(char letter) const { return (words_ & bit(letter)) != 0; }
+  double use(char letter) {
+    words_ &= ~bit(letter);
+    return values_[index_of(letter)];
+  }
+  double need(char letter, const char* why) {
+    if (!has(letter)) reject(1, std::string(why) + " needs " + letter);
+    return use(letter);
+  }
+  [[nodiscard]] int column_of(char letter) const { return word_columns_[index_of(letter)]; }
+  [[nodiscard]] double scale(int axis) const { return axis < 3 ? unit_ : kRadPerDegree; }
+  void perform();
+  bool set_feed(int feed_mode);
+  void set_speed_and_tool(Request& request);
+  void dwell();
+  void stop(int code);
+
+  // --- Offsets, lengths, moves and arcs: word_motion.cpp ---
+  void renew_offset();
+  bool set_length(int tenths);
+  bool shift(int tenths);
+  std::vector<int> taken_axes();
+  double target_value(int axis);
+  [[nodiscard]] bool polar() const { return polar_radius_ || polar_angle_; }
+  std::pair<double, double> polar_end();
+  void set_data();
+  void reference();
+  void move(bool machine_coordinates, bool feed_here);
+  void arc(const AxisValues& to, std::uint32_t named);
+  /// A feed move's time; `seconds_at_feed` under feed per minute.
+  [[nodiscard]] double timed(double seconds_at_feed) const {
+    return motion_ == 0 ? 0 : inverse_time_ ? 60 / feed_ : seconds_at_feed;
+  }
+
+  // --- Canned cycles: word_cycles.cpp ---
+  void drill();
+
+  bool fanuc_;
+  ReaderCore& core_;
+  std::vector<std::string_view> lines_;
+  std::size_t at_ = 0, next_ = 0;
+  bool ended_ = false;
+  int percents_ = 0;
+  std::string text_;
+  std::vector<int> columns_;
+  const char *p_ = nullptr, *end_ = nullptr;
+  bool point_ = false;
+  std::unordered_map<int, double> numbers_;
+  std::unordered_map<std::string, double> globals_;
+  std::vector<std::unordered_map<std::string, double>> locals_{1};
+  std::unordered_map<std::string, std::size_t> subs_, whiles_;
+  std::vector<Frame> frames_;
+  std::vector<Loop> loops_;
+  std::vector<std::pair<std::string, double>> settings_;
+  std::uint32_t words_ = 0, axis_letters_ = 0;
+  std::array<double, 26> values_{};
+  std::array<int, 26> word_columns_{};
+  std::vector<Code> codes_;
+  // Modes.
+  double unit_ = 1, feed_ = 0, rpm_ = 0;
+  bool incremental_ = false, centre_absolute_ = false, inverse_time_ = false, to_r_level_ = false;
+  int motion_ = 0, plane_ = 0, spindle_ = 5, tool_ = 0, selected_ = 0, last_cycle_ = -1;
+  double cycle_level_ = 0, cycle_r_ = 0, cycle_z_ = 0, cycle_q_ = 0;
+  std::size_t offset_ = 0;
+  std::array<AxisValues, 9> offsets_{};
+  AxisValues shift_{}, kept_shift_{};
+  std::vector<std::optional<Modes>> saved_{1};
+  std::vector<bool> restores_{false};  ///< M73: at the subprogram's return
+  std::optional<double> polar_radius_, polar_angle_;
+  int polar_column_ = 0;
+};
+
+}  // namespace lightmill::detail
