@@ -54,6 +54,7 @@ struct Journal::Impl {
   Clock::time_point start = Clock::now();
   Clock::time_point last_acknowledged{}, last_report{};
   long announced = 0, counted = 0, recorded = 0;
+  long counted_audited = 0, recorded_audited = 0;
   std::string state;           ///< of the last report recorded
   std::string waiting_report;  ///< came too soon after it
   long counted_at_waiting_report = 0;
@@ -119,6 +120,9 @@ struct Journal::Impl {
     recorded = counted;
     last_acknowledged = Clock::now();
     append("acknowledged", std::to_string(counted));
+    if (counted_audited == recorded_audited) return;
+    recorded_audited = counted_audited;
+    append("audited", std::to_string(counted_audited));
   }
 
   /// The last report, unless lines have been acknowledged since: it would be taken for younger than it is.
@@ -186,6 +190,10 @@ void Journal::sending(long lines) {
 void Journal::acknowledged(long lines) {
   impl_->counted = lines;
   if (Clock::now() - impl_->last_acknowledged >= impl_->options.record_every) impl_->catch_up();
+}
+
+void Journal::audited(long lines) {
+  impl_->counted_audited = lines;
 }
 
 void Journal::reported(std::string_view status) {
@@ -263,7 +271,8 @@ JournalSummary read_journal(const std::filesystem::path& path) {
                                                         {"first_line", &header.first_line},
                                                         {"uncut_line", &header.uncut_line},
                                                         {"sending", &summary.sent},
-                                                        {"acknowledged", &summary.acknowledged}};
+                                                        {"acknowledged", &summary.acknowledged},
+                                                        {"audited", &summary.audited}};
   summary.torn_bytes = read_records(path, [&](const JournalRecord& record) {
     ++summary.records;
     summary.seconds = record.seconds;

@@ -61,6 +61,8 @@ class Journal {
   void sending(long lines);
   /// The first `lines` lines have their acknowledgement.
   void acknowledged(long lines);
+  /// All of the first `lines` lines had their acknowledgement and no other was under way.
+  void audited(long lines);
   /// A status report of the controller, as it came.
   void reported(std::string_view status);
   /// Anything else worth knowing: an error, an alarm, what the operator did.
@@ -75,7 +77,8 @@ class Journal {
 
 struct JournalRecord {
   double seconds = 0;  ///< since the stream began
-  std::string kind;    ///< "sending", "acknowledged", "reported", "note", "end", or a key of the header
+  std::string
+      kind;  ///< "sending", "acknowledged", "audited", "reported", "note", "message", "end", or a key of the header
   std::string text;
 };
 
@@ -91,6 +94,7 @@ struct JournalSummary {
   double seconds = 0;          ///< of the last record
   long sent = 0;               ///< lines sent, at most
   long acknowledged = 0;       ///< lines acknowledged, at least
+  long audited = 0;            ///< up to here no acknowledgement was missing
   std::string report;          ///< the last status report, empty: none
   double report_seconds = 0;
   long acknowledged_at_report = 0;

@@ -373,6 +373,7 @@ class Streamer {
       } else {
         if (operator_line_) return;
         audited_ = next_;
+        if (options_.journal != nullptr) options_.journal->audited(static_cast<long>(next_));
       }
       if (options_.journal != nullptr) options_.journal->sending(static_cast<long>(next_) + 1);
       unsent_ += line.text;
