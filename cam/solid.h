@@ -6,6 +6,7 @@
 #include <string>
 
 #include "cam/blank.h"
+#include "cam/mount.h"
 #include "cam/outline.h"
 #include "cam/print_mesh.h"
 #include "cam/spline_surface.h"
@@ -23,6 +24,7 @@ struct SolidOptions {
   std::optional<Outline> outline = {};      ///< empty: all of the surface's rectangle
   double land_mm = 0;                       ///< width of a flat land around the outline; 0: none
   double land_z_mm = 0;
+  MountOptions mount = {};                  ///< cut into the land
   double mesh_tolerance_mm = 0;             ///< above 0: also a mesh of the solid for a printer, at most so far from it
 };
 

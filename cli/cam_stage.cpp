@@ -75,6 +75,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   solid_options.mesh_tolerance_mm = job.mesh_tolerance_mm;
   if (outline.shape != Outline::Shape::kRectangle || job.land.width_mm > 0) solid_options.outline = outline;
   solid_options.land_mm = job.land.width_mm;
+  solid_options.mount = job.mount;
   if (job.land.width_mm > 0) {
     double lowest = std::numeric_limits<double>::infinity();
     for (const Vec2& p : outline_places(outline, 0.1)) lowest = std::min(lowest, surface.height(p.x(), p.y()));

@@ -21,7 +21,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kDegree = kPi / 180;
 
 /// The keys in the order in which people think of a job.
-constexpr std::array kSections = {"job",   "target",      "lens",   "light",   "receiver", "transport",  "surface", "solid", "stock",
+constexpr std::array kSections = {"job",   "target",      "lens",   "light",   "receiver", "transport",  "surface", "solid", "mount", "stock",
                                   "rough", "semi_finish", "finish", "profile", "machine",  "controller", "dry_run", "stream"};
 
 /// In the order of their enumerations.
@@ -85,6 +85,23 @@ void read_target(TomlTable table, const fs::path& folder, Job& job) {
   target.transfer = transfer == "srgb" ? Transfer::kSrgb : transfer == "linear" ? Transfer::kLinear : Transfer::kAuto;
   target.colours = path_in(table, "colours", folder, target.colours);
   target.color_mask = table.boolean("color_mask", target.color_mask);
+}
+
+void read_mount(TomlTable table, Job& job) {
+  MountOptions& mount = job.mount;
+  mount.chamfer_mm = table.number_in("chamfer_mm", mount.chamfer_mm, 0, 100);
+  for (const auto& row : table.number_rows("dowels_mm", 2)) mount.dowels_mm.emplace_back(row[0], row[1]);
+  mount.dowel_diameter_mm = positive(table, "dowel_diameter_mm", mount.dowel_diameter_mm, 100);
+  mount.dowel_depth_mm = table.number_in("dowel_depth_mm", mount.dowel_depth_mm, 0, 1000);
+  mount.label = table.text("label", mount.label);
+  mount.label_on_back = table.choice("label_side", "land", {"land", "back"}) == "back";
+  mount.label_height_mm = positive(table, "label_height_mm", mount.label_height_mm, 100);
+  mount.label_depth_mm = positive(table, "label_depth_mm", mount.label_depth_mm, 100);
+  if (table.has("label_at_mm")) mount.label_at_mm = table.vector2("label_at_mm", {0, 0});
+  for (const char* key : {"chamfer_mm", "dowels_mm", "label"}) {
+    const bool wanted = key[0] == 'c' ? mount.chamfer_mm > 0 : key[0] == 'd' ? !mount.dowels_mm.empty() : !mount.label.empty();
+    if (wanted && job.land.width_mm <= 0) throw InputError(table.complaint(key, "is cut into the land around the lens: set lens.land_mm"));
+  }
 }
 
 void read_lens(TomlTable table, const fs::path& folder, Job& job) {
@@ -346,6 +363,7 @@ Job read_table(TomlTable root, const fs::path& folder, Job job) {
   read_ball_pass(root.table("semi_finish"), folder, cutters / "semi_finish_4mm_ball.toml", job.semi_finish);
   read_ball_pass(root.table("finish"), folder, cutters / "finish_4mm_ball.toml", job.finish);
   read_profile(root.table("profile"), job);
+  read_mount(root.table("mount"), job);
   TomlTable solid = root.table("solid");
   job.step_schema = solid.choice("step", "ap242", {"ap242", "ap214"}) == "ap214" ? StepSchema::kAp214 : StepSchema::kAp242;
   job.mesh_tolerance_mm = solid.number_in("mesh_tolerance_mm", job.mesh_tolerance_mm, 0, 10);
@@ -384,6 +402,11 @@ class Section {
   Section& put(std::string_view key, const Vec2& v) { return line(key, "[" + number(v.x()) + ", " + number(v.y()) + "]"); }
   Section& put(std::string_view key, const Vec3& v) {
     return line(key, "[" + number(v.x()) + ", " + number(v.y()) + ", " + number(v.z()) + "]");
+  }
+  Section& put(std::string_view key, const std::vector<Vec2>& places) {
+    std::string rows;
+    for (const Vec2& p : places) rows += (rows.empty() ? "[" : ", [") + number(p.x()) + ", " + number(p.y()) + "]";
+    return line(key, "[" + rows + "]");
   }
   Section& put(std::string_view key, const std::vector<KeepOut>& boxes) {
     std::string rows;
@@ -587,6 +610,18 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   }
   sections["profile"] =
       profile.put("tabs", p.tabs).put("tab_width_mm", p.tab_width_mm).put("tab_height_mm", p.tab_height_mm).put("skin_mm", p.skin_mm);
+  const MountOptions& m = job.mount;
+  Section mount;
+  mount.put("chamfer_mm", m.chamfer_mm)
+      .put("dowels_mm", m.dowels_mm)
+      .put("dowel_diameter_mm", m.dowel_diameter_mm)
+      .put("dowel_depth_mm", m.dowel_depth_mm)
+      .put("label", m.label)
+      .put("label_side", m.label_on_back ? "back" : "land")
+      .put("label_height_mm", m.label_height_mm)
+      .put("label_depth_mm", m.label_depth_mm);
+  if (m.label_at_mm) mount.put("label_at_mm", *m.label_at_mm);
+  sections["mount"] = mount;
   sections["solid"] = Section()
                           .put("step", job.step_schema == StepSchema::kAp214 ? "ap214" : "ap242")
                           .put("mesh_tolerance_mm", job.mesh_tolerance_mm);

@@ -172,7 +172,7 @@ void program_warnings(const json& program, const std::string& pass, const std::f
   if (!remedy.empty()) item(pass + ": " + remedy + ".");
 }
 
-std::string warnings_box(const json& report) {
+std::string warnings_box(const Job& job, const json& report) {
   std::string items;
   const auto item = [&](const std::string& text) { items += "<li>" + escaped(text) + "</li>\n"; };
   if (report.contains("/postproc/setup/machine_notes"_json_pointer)) {
@@ -203,6 +203,7 @@ std::string warnings_box(const json& report) {
     const std::string slow = report.value(json::json_pointer(std::string("/dry_run/") + pass + "/note"), "");
     if (!slow.empty()) item(std::string(pass) + ": " + slow + ".");
   }
+  if (const std::string by_hand = mount_words(job.mount); !by_hand.empty()) item("Not milled by the programs, to be made beside them: " + by_hand + ".");
   item("Cutting data comes from tables and arithmetic and is untested on the machine.");
   return "<h2>Before you mill</h2>\n<div class=warn><ul>\n" + items + "</ul></div>\n";
 }
@@ -318,7 +319,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/dry_run/caustic/polished/l1_error", "picture error, polished (model)", "", 3);
   figures.row("/dry_run/caustic/raw/l1_error", "picture error, raw", "", 3);
   html += "<h2>Figures</h2>\n" + figures.table();
-  html += warnings_box(report);
+  html += warnings_box(job, report);
   html += faults_table(folder);
   html += "<h2>How far to trust this</h2>\n<ul>\n"
           "<li>Gouge and cusp are measured against what an ideal ball can reach; the rest is listed as out of reach.</li>\n"

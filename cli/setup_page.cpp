@@ -132,6 +132,10 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
         std::string("After finishing: polish by hand along the passes, stop as soon as the picture is sharp")}) {
     html += "<li>" + item + "</li>\n";
   }
+  if (const std::string by_hand = mount_words(job.mount); !by_hand.empty()) {
+    html += "<li>In the solid and the STEP file, but not milled by these programs (and not in the simulated part): " + escaped(by_hand) +
+            ". Drill from <code>cam/lens.step</code> before the optical surface is finished, or by hand with the surface covered</li>\n";
+  }
   html += "</ol>\n</body></html>\n";
   return html;
 }

@@ -167,6 +167,89 @@ TEST_F(Solid, WithinADiskOrALoopHasItsVolumeAndItsLand) {
   EXPECT_NEAR(loop.volume_mm3 / (kPi * 88 * (12 - 0.004 * 121 / 4 + 0.002 * 64 / 4)), 1, 1e-5);
 }
 
+/// Area of a regular polygon or a smooth loop moved inwards by t goes down by P t - k t^2: k is pi for a smooth one, 4 for a
+/// rectangle. Both edges' chamfers.
+double chamfers_mm3(double perimeter, double k, double c) {
+  return 2 * (perimeter * c * c / 2 - k * c * c * c / 3);
+}
+
+TEST_F(Solid, ChamferDowelsAndLabelTakeTheirVolumeAndNoMore) {
+  const SplineSurface surface = paraboloid(Box2::centred({26, 22}), 26, 22, 12, -0.004, 0.002, 0.003);
+  SolidOptions options;
+  options.land_mm = 5;
+  options.land_z_mm = 9;
+  options.mesh_tolerance_mm = 0.02;
+  MountOptions mount;
+  mount.chamfer_mm = 0.4;
+  mount.dowel_diameter_mm = 3;
+  mount.label = "7 L";
+  mount.label_height_mm = 2;
+  mount.label_depth_mm = 0.25;
+  constexpr int kDots = 11 + 11;
+  const double dot = 0.75 * 2 / 6.75 / 2;
+  const double dots_mm3 = kDots * kPi * dot * dot * 0.25;
+
+  const auto held_against = [&](const std::string& what, const Vec2& dowel, double depth, double taken_mm3) {
+    options.mount = {};
+    const SolidSummary plain = write_lens_step(folder_ / "plain.step", surface, options);
+    options.mount = mount;
+    options.mount.dowels_mm = {dowel, -dowel};
+    options.mount.dowel_depth_mm = depth;
+    const SolidSummary mounted = write_lens_step(folder_ / "mounted.step", surface, options);
+    EXPECT_TRUE(mounted.valid) << what;
+    EXPECT_EQ(mounted.free_edges, 0) << what;
+    const double deep = depth > 0 ? depth : 9;
+    EXPECT_NEAR(plain.volume_mm3 - mounted.volume_mm3, taken_mm3 + dots_mm3 + 2 * kPi * 1.5 * 1.5 * deep, 2e-6 * plain.volume_mm3) << what;
+    EXPECT_TRUE(is_watertight(mounted.mesh)) << what;
+    EXPECT_NEAR(enclosed_volume_mm3(mounted.mesh), mounted.volume_mm3, 0.02 * mounted.volume_mm3 / 9) << what;
+  };
+
+  options.outline = Outline{Outline::Shape::kDisk, {20, 20}, {}};
+  held_against("disk, through", {12.5, 0}, 0, chamfers_mm3(kPi * 30, kPi, 0.4));
+  options.outline = Outline{Outline::Shape::kRectangle, {26, 22}, {}};
+  mount.label_on_back = true;
+  held_against("rectangle, blind, label on the back", {15.5, 0}, 6, chamfers_mm3(2 * (36 + 32), 4, 0.4));
+  options.outline = ellipse(11, 8, 60);
+  double perimeter = 0;
+  const std::vector<Vec2> rim = with_land(*options.outline, 5).loop_mm;
+  for (std::size_t k = 0; k < rim.size(); ++k) perimeter += (rim[(k + 1) % rim.size()] - rim[k]).norm();
+  held_against("outline", {13.5, 0}, 0, chamfers_mm3(perimeter, kPi, 0.4));
+}
+
+TEST_F(Solid, RefusesMountingFeaturesThatDoNotFitTheLand) {
+  const SplineSurface surface = paraboloid(Box2::centred({26, 22}), 26, 22, 12, -0.004, 0.002, 0.003);
+  SolidOptions options;
+  options.outline = Outline{Outline::Shape::kDisk, {20, 20}, {}};
+  const auto refused = [&](const std::string& words, const auto& change) {
+    SolidOptions changed = options;
+    change(changed);
+    try {
+      write_lens_step(folder_ / "refused.step", surface, changed);
+      ADD_FAILURE() << "not refused: " << words;
+    } catch (const InputError& error) {
+      EXPECT_NE(std::string(error.what()).find(words), std::string::npos) << error.what();
+    }
+  };
+  refused("need a land", [](SolidOptions& o) { o.mount.chamfer_mm = 0.3; });
+  options.land_mm = 4;
+  options.land_z_mm = 9;
+  refused("mount.chamfer_mm = 4 is too large", [](SolidOptions& o) { o.mount.chamfer_mm = 4; });
+  refused("x 10.00, y 0.00 mm (4 mm) is not within the land", [](SolidOptions& o) { o.mount.dowels_mm = {{10, 0}}; });
+  refused("not within the land", [](SolidOptions& o) { o.mount.dowels_mm = {{0, 0}}; });
+  refused("runs into", [](SolidOptions& o) {
+    o.mount.dowel_diameter_mm = 2;
+    o.mount.dowels_mm = {{12, 0}, {12, 1}};
+  });
+  refused("leaves no bottom", [](SolidOptions& o) {
+    o.mount.dowel_diameter_mm = 2;
+    o.mount.dowels_mm = {{12, 0}};
+    o.mount.dowel_depth_mm = 9;
+  });
+  refused("'&' is not among the letters", [](SolidOptions& o) { o.mount.label = "A&B"; });
+  refused("mount.label: the hole", [](SolidOptions& o) { o.mount.label = "TOO LONG FOR THE LAND"; });
+  EXPECT_TRUE(fs::is_empty(folder_));
+}
+
 TEST_F(Solid, IsSilentAndKeepsTheFolderClean) {
   testing::internal::CaptureStdout();
   write_lens_step(folder_ / "deep" / "lens.step", paraboloid(kExtent, 5, 4, 12, 0, 0, 0), {.product_name = "quiet"});

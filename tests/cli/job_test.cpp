@@ -97,6 +97,18 @@ TEST(Job, EverySourceLightReadsBackAsItself) {
   EXPECT_NEAR(job.receiver.tilt_rad.y(), -7.5 * kPi / 180, 1e-15);
 }
 
+TEST(Job, MountingFeaturesReadBackAsThemselvesAndNeedALand) {
+  const std::string mount = "[mount]\nchamfer_mm = 0.4\ndowels_mm = [[52.5, 0], [-52.5, 1.25]]\ndowel_depth_mm = 5\nlabel = \"A-7\"\nlabel_side = \"back\"\nlabel_at_mm = [1, -53]\n";
+  const std::string once = resolved_toml(read_job_text(kPicture + "[lens]\nland_mm = 6\n" + mount, "x.toml", "/a/b"));
+  const Job again = read_job_text(once, "job.toml", "/elsewhere");
+  EXPECT_EQ(resolved_toml(again), once);
+  EXPECT_EQ(again.mount.dowels_mm, (std::vector<Vec2>{{52.5, 0}, {-52.5, 1.25}}));
+  EXPECT_TRUE(again.mount.label_on_back);
+  EXPECT_EQ(again.mount.label_at_mm, Vec2(1, -53));
+  EXPECT_THAT(refusal(kPicture + mount), AllOf(HasSubstr("mount.chamfer_mm"), HasSubstr("lens.land_mm")));
+  EXPECT_THAT(refusal(kPicture + "[mount]\nlabel_side = \"wall\"\n"), HasSubstr("mount.label_side"));
+}
+
 TEST(Job, AnImpossibleSourceLightIsRefused) {
   EXPECT_THAT(refusal(kPicture + "[light]\ndirection = [1, 0, 0]\n"), HasSubstr("light.direction"));
   EXPECT_THAT(refusal(kPicture + "[light]\nkind = \"point\"\nposition_mm = [0, 0, 5]\n"), HasSubstr("light.position_mm"));

@@ -29,6 +29,7 @@ using test::spill;
 using test::start_lightmill;
 using test::tiny_job;
 using test::wait_for;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 const char* const kPrograms[] = {"program/10_rough.nc", "program/20_semi_finish.nc", "program/30_finish.nc"};
@@ -139,13 +140,18 @@ TEST(Chain, ADiskWithALandIsMilledAndCutOut) {
   const ScratchFolder scratch;
   const std::string run = (scratch / "run").string();
   const fs::path job = tiny_job(scratch, "[lens]\nsize_mm = [12, 10]",
-                                "[profile]\ntabs = 1\ntab_height_mm = 0.4\ntab_width_mm = 2\n\n[lens]\nshape = \"disk\"\nsize_mm = [11, 11]\n"
+                                "[profile]\ntabs = 1\ntab_height_mm = 0.4\ntab_width_mm = 2\n\n"
+                                "[mount]\nchamfer_mm = 0.2\ndowel_diameter_mm = 0.8\ndowels_mm = [[6.5, 0], [-6.5, 0]]\n"
+                                "label = \"7\"\nlabel_height_mm = 0.8\n\n[lens]\nshape = \"disk\"\nsize_mm = [11, 11]\n"
                                 "land_mm = 2\nland_drop_mm = 0.5");
   const CommandResult made = lightmill_command({"make", job.string(), "-o", run});
   ASSERT_EQ(made.code, 0) << made.err;
   EXPECT_TRUE(fs::exists(fs::path(run) / "program/40_profile.nc"));
   const json report = report_of(run);
   EXPECT_EQ(report.at("/cam/solid/valid"_json_pointer), true);
+  for (const char* page : {"setup_sheet.html", "report.html"}) {
+    EXPECT_THAT(slurp(fs::path(run) / page), AllOf(HasSubstr("ot milled by the"), HasSubstr("holes of 0.8 mm, through, at x 6.50, y 0.00 mm"))) << page;
+  }
   EXPECT_EQ(report.at("/dry_run/faults"_json_pointer), 0);
   EXPECT_LT(report.at("/dry_run/max_gouge_um"_json_pointer), 1.0);
   EXPECT_LT(report.at("/dry_run/max_cusp_um"_json_pointer), 4.6) << "4 um were asked for";
