@@ -286,6 +286,9 @@ struct ShopOptions {
   double pitch_um = 20;
   double time_factor = 0;
   int pace_baud = 0;
+  std::string protocol = "grblhal";
+  std::vector<std::string> line_faults;
+  unsigned fault_seed = 1;
 
   void add(CLI::App* app) {
     app->add_option("--machine", machine, "machine file (fixtures/machines/*.toml)");
@@ -316,6 +319,9 @@ struct ShopOptions {
     result.pitch_um = pitch_um;
     result.time_factor = time_factor;
     result.baud = pace_baud;
+    result.protocol = protocol;
+    result.line_faults = line_faults;
+    result.fault_seed = fault_seed;
     return result;
   }
 };
@@ -407,6 +413,9 @@ int run_command_line(int argc, char** argv) {
   sub->add_option("--pty", link, "link that other programs open as their serial port")->required();
   sub->add_option("--out", out, "folder for machined.tif and result.json")->required();
   shop.add(sub);
+  sub->add_option("--protocol", shop.protocol, "whose manners the control has on the line")->check(CLI::IsMember({"grbl", "grblhal"}));
+  sub->add_option("--line-fault", shop.line_faults, "plant a fault on the line, e.g. flip@120 (the 120th byte) or drop-ok@3; without a place the seed chooses");
+  sub->add_option("--fault-seed", shop.fault_seed, "for line faults that name no place");
   on(sub, [&] {
     serve_machine(shop.shop(), fs::absolute(link), fs::absolute(out), stop_requested);
     return int{kExitDone};

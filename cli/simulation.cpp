@@ -141,8 +141,11 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
   const OperatorSetup setup = setup_of(shop);
   SimulationOptions options;
   options.time_factor = shop.time_factor;
-  options.baud = shop.baud;
+  options.personality = personality(shop.protocol);
   options.stock.pitch_mm = shop.pitch_um / 1000;
+  LineOptions line;
+  line.baud = shop.baud;
+  for (const std::string& fault : shop.line_faults) line.faults.push_back(line_fault(fault, shop.fault_seed));
   SimulatedMachine simulated(machine, setup, options);
   MotionTimer timer(machine);
   simulated.on_motion = [&](const Motion& motion, const std::vector<SweptMove>& pieces) {
@@ -151,7 +154,7 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
   simulated.start();
   {
     PseudoTerminal terminal(link);
-    serve(simulated, terminal, should_end);
+    serve(simulated, terminal, line, should_end);
   }
   const MachinedSurface surface = simulated.machined();
   write_machined(out / "machined.tif", surface);
@@ -163,7 +166,15 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
                  {"highest_buffer_fill", result.highest_buffer_fill},
                  {"received_digest", result.received_digest},
                  {"removed_mm3", surface.removed_mm3},
+                 {"starvations", result.starvations},
+                 {"starved_seconds", result.starved_seconds},
+                 {"worst_starvations", json::array()},
                  {"faults", json::array()}};
+  for (const Starvation& mark : result.worst_starvations) {
+    record["worst_starvations"].push_back({{"line", mark.line},
+                                           {"place_mm", {mark.place_mm.x(), mark.place_mm.y(), mark.place_mm.z()}},
+                                           {"seconds", mark.seconds}});
+  }
   for (const Fault& fault : result.faults) record["faults"].push_back(to_json(fault));
   timer.finish();
   for (const SectionTiming& section : timer.sections()) record["timing"].push_back(to_json(section));

@@ -28,6 +28,9 @@ struct SimulatedShop {
   double pitch_um = 20;                     ///< of the stock's grid
   double time_factor = 0;                   ///< 0: as fast as it can
   int baud = 0;                             ///< 0: not paced
+  std::string protocol = "grblhal";         ///< of the control on the wire
+  std::vector<std::string> line_faults;     ///< to plant on the line (cable.h)
+  unsigned fault_seed = 1;                  ///< chooses the place of a fault that names none
 };
 
 /// What came of it. Faults of the machine, the stock and the line; the surface is in OUT/machined.tif.

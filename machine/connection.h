@@ -7,6 +7,8 @@
 #include <span>
 #include <string>
 
+#include "machine/clock.h"
+
 namespace lightmill {
 
 /// Bytes both ways with deadlines. Not thread safe. Throws IoError when the other side hangs up.
@@ -19,7 +21,11 @@ class Connection {
   virtual std::size_t read_some(std::span<char> buffer, std::chrono::milliseconds deadline) = 0;
   /// Waits until there is something to read or, if asked, room to write; false on deadline.
   virtual bool wait(bool for_room, std::chrono::milliseconds deadline) = 0;
+  /// Bytes taken by the system that are not on the wire yet, as far as it tells.
+  [[nodiscard]] virtual std::size_t queued() const { return 0; }
   [[nodiscard]] virtual std::string name() const = 0;
+  /// What its deadlines are measured by; a sender takes its own time-outs from it.
+  [[nodiscard]] virtual const Clock& clock() const { return wall_clock(); }
 };
 
 /// Opens a serial port through libserial (8N1, no flow control).

@@ -147,6 +147,10 @@ class SerialConnection final : public Connection {
     return poll_for(static_cast<short>(for_room ? POLLIN | POLLOUT : POLLIN), deadline);
   }
 
+  std::size_t queued() const override {
+    int count = 0;
+    return ::ioctl(fd_, TIOCOUTQ, &count) == 0 && count > 0 ? static_cast<std::size_t>(count) : 0;
+  }
   std::string name() const override { return name_; }
 
  private:

@@ -1,4 +1,4 @@
-// A milling machine with grblHAL's protocol that exists only in memory: hears bytes, interprets, moves, removes stock.
+// A milling machine that exists only in memory: hears bytes, interprets, moves, removes stock.
 #pragma once
 
 #include <cstdint>
@@ -11,6 +11,8 @@
 
 #include "cam/blank.h"
 #include "cam/cutter.h"
+#include "machine/cable.h"
+#include "machine/clock.h"
 #include "machine/motion.h"
 #include "machine/stock_model.h"
 #include "postproc/machine_model.h"
@@ -25,27 +27,47 @@ struct OperatorSetup {
   int work_offset = 54;                     ///< the offset the operator has zeroed on it; the others are zero
 };
 
-/// Protocol faults to plant, each by a count from 1 since power-on; < 0: never.
+/// Whose manners the control has on the wire.
+enum class Personality {
+  kGrbl,     ///< grbl 1.1: 128 bytes, 15 blocks, three axes; goes on executing after an error
+  kGrblHal,  ///< buffer and blocks of the machine file; an error is latched: all that follows is refused
+};
+
+/// "grbl", "grblhal"; throws InputError for any other name.
+Personality personality(std::string_view name);
+
+/// Faults of the control to plant, each by a count of program lines from 1 since power-on; < 0: never. Those of the
+/// line are LineFault (cable.h).
 struct PlantedFaults {
-  long drop_ok_at = -1;       ///< the n-th ok is never sent (those of a sender's greeting count)
-  long error_at_line = -1;    ///< the n-th program line is answered with error:2 although it is good, and not executed
-  long garble_byte_at = -1;   ///< the n-th received byte has its lowest bit flipped (turns digits into other digits)
-  long hang_up_at_line = -1;  ///< at the n-th program line the link goes dead
-  long alarm_at_line = -1;    ///< at the n-th program line a limit switch closes (ALARM:1)
-  long reset_at_line = -1;    ///< at the n-th program line the controller restarts by itself
-  long drop_line_at =
-      -1;  ///< the n-th program line is lost on the wire with its line feed: neither executed nor answered
+  long error_at_line = -1;       ///< the line is answered with error:2 although it is good, and not executed
+  long alarm_at_line = -1;       ///< a limit switch closes (ALARM:1)
+  long door_at_line = -1;        ///< somebody opens the door
+  long reset_at_line = -1;       ///< the controller restarts by itself
+  long power_loss_at_line = -1;  ///< the controller dies and the link with it
+  long drop_line_at = -1;        ///< the line is lost with its line feed: neither executed nor answered
 };
 
 struct SimulationOptions {
-  double time_factor = 0;  ///< 0: as fast as it can; 1: real time; 10: ten times faster
-  int baud = 0;            ///< paces received bytes; 0: not paced
+  Personality personality = Personality::kGrblHal;
+  /// 0: as fast as it can, motions take no time; 1: motions take the clock's time; 10: ten times faster.
+  double time_factor = 0;
+  const Clock* clock = nullptr;  ///< the machine's time; null: the wall's
   StockOptions stock;
   bool remove_stock = true;
   PlantedFaults planted;
+  double least_starvation_s = 1e-3;  ///< of machine time; shorter standstills in the cut are not counted
 };
 
-/// Faults: those of the controller first, then those of the stock, each in order. Their `line` counts program lines
+/// The cutter stood still in the cut because the planner had run empty: a mark on the part.
+struct Starvation {
+  std::string program;
+  long line = 0;                 ///< the last one that was milled
+  Vec3 place_mm = Vec3::Zero();  ///< tip, workpiece frame
+  double seconds = 0;
+};
+
+/// Faults: those of the controller first, then those of the stock, each in order; one "starved" for all starvations.
+/// Their `line` counts program lines
 /// (neither blank nor `$`, see program_lines.h) since power-on, the last reset or begin_program().
 struct SimulationResult {
   long lines = 0;              ///< program lines executed
@@ -58,6 +80,9 @@ struct SimulationResult {
   JointPosition joints;         ///< where the axes stand
   int tool = 0;                 ///< in the spindle
   bool alarm = false;           ///< locked by an alarm
+  long starvations = 0;         ///< only when paced
+  double starved_seconds = 0;
+  std::vector<Starvation> worst_starvations;  ///< longest first, at most 100
 };
 
 /// The whole machine; single-threaded towards its caller. Bytes in, bytes out.
@@ -77,14 +102,16 @@ class SimulatedMachine {
   std::string take_replies();
   /// Names the program that comes next in faults and starts its count of lines. Call between programs only.
   void begin_program(const std::string& name);
-  /// There are bytes on the paced wire or motions that wait for their time.
+  /// Motions wait for their time.
   [[nodiscard]] bool busy() const;
+  /// When work() is to be called next although nothing is received; kNever: not before something is.
+  [[nodiscard]] ClockTime next_event() const;
   /// Removing stock is far behind the motions: work() may soon wait for it. serve() then answers real-time bytes only.
   [[nodiscard]] bool behind() const;
   /// Called for every motion before the stock sees it (for tests and drawings), from work().
   std::function<void(const Motion&, const std::vector<SweptMove>&)> on_motion;
 
-  [[nodiscard]] bool dead() const;  ///< hung up by a planted fault
+  [[nodiscard]] bool dead() const;  ///< without power by a planted fault
   [[nodiscard]] SimulationResult result() const;
   [[nodiscard]] MachinedSurface machined();
 
@@ -93,8 +120,9 @@ class SimulatedMachine {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Serves the machine behind a pseudo-terminal until `should_end()` is true or the machine is dead (then the line is
-/// hung up). The machine must not be touched from elsewhere meanwhile.
-void serve(SimulatedMachine& machine, class PseudoTerminal& terminal, const std::function<bool()>& should_end);
+/// Serves the machine behind a pseudo-terminal until `should_end()` is true or the line is dead (then it is hung up).
+/// The machine must not be touched from elsewhere meanwhile.
+void serve(SimulatedMachine& machine, class PseudoTerminal& terminal, const LineOptions& line,
+           const std::function<bool()>& should_end);
 
 }  // namespace lightmill

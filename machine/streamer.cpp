@@ -4,6 +4,7 @@
 #include <array>
 #include <charconv>
 
+#include "design/core/text.h"
 #include "machine/detail/sent_text.h"
 #include "machine/program_lines.h"
 
@@ -11,14 +12,12 @@ namespace lightmill {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kStatusTimeout{1000};
 constexpr milliseconds kBannerTimeout{5000};
 constexpr milliseconds kPollInterval{20};
 constexpr milliseconds kProgressInterval{100};
-constexpr milliseconds kReportInterval{500};
 constexpr char kSoftReset = 0x18;
 
 std::string plural(long count, const std::string& noun) {
@@ -44,18 +43,27 @@ class Streamer {
   }
 
   StreamResult run() {
-    const auto start = Clock::now();
+    const ClockTime start = now();
+    last_reply_ = start;
     greet();
     try {
       stream();
       wait_until_idle();
       result_.message = plural(acknowledged_, "line") + " executed";
+      executed_ = acknowledged_;
+      if (result_.starved_reports > 0) {
+        result_.message += "; the planner was found empty in the cut " + plural(result_.starved_reports, "time") +
+                           ", first at line " + std::to_string(result_.first_starved_line) +
+                           ": the wire or this computer is too slow for the program";
+      }
       if (result_.recovered_acknowledgements > 0) {
         result_.message += "; " + plural(result_.recovered_acknowledgements, "acknowledgement") +
-                           " got lost on the way (" + recovery_ + ")";
+                           " got lost on the way, or a whole line (" + recovery_ +
+                           "): look at the part there, or stream these lines again";
       }
     } catch (const Ended& ended) {
       result_.end = ended.end;
+      hold_quietly();
       result_.message = ended.message + "; " + account();
       result_.error_line = ended.error_line;
     } catch (const Stopped&) {
@@ -73,7 +81,9 @@ class Streamer {
     }
     result_.lines_sent = static_cast<long>(next_);
     result_.lines_acknowledged = acknowledged_;
-    result_.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+    result_.lines_executed = executed_;
+    result_.last_position = status_.machine_position;
+    result_.seconds = seconds_since(start);
     return result_;
   }
 
@@ -99,10 +109,12 @@ class Streamer {
   long unreadable_ = 0;
   std::string recovery_;
   int idle_blocks_ = -1, idle_bytes_ = -1;
-  Clock::time_point last_reply_ = Clock::now();
-  Clock::time_point last_progress_{};
-  Clock::time_point last_poll_{};
-  long acknowledged_at_poll_ = 0;
+  int planner_blocks_ = 100;  ///< as the controller says; else what no usual one exceeds
+  long executed_ = 0;         ///< lines before this one have surely been executed
+  ClockTime last_reply_{};   ///< that acknowledged a line
+  ClockTime polled_{}, reported_{};  ///< the last report asked for while streaming, and the last that came
+  long polled_at_count_ = -1;
+  ClockTime last_progress_{};
 
   // While greeting, replies are counted here instead of ending the stream.
   bool greeting_ = true;
@@ -123,8 +135,21 @@ class Streamer {
     } else {
       text += ", none other sent";
     }
+    text += executed_ == 0 ? "; none is surely executed"
+                           : "; those to line " + std::to_string(number(static_cast<std::size_t>(executed_ - 1))) +
+                                 " are surely executed";
+    if (!status_.machine_position.empty()) {
+      text += ", last reported at";
+      for (std::size_t i = 0; i < status_.machine_position.size(); ++i) {
+        text += (i > 0 ? "," : " ") + compact(status_.machine_position[i], 3);
+      }
+    }
     if (unreadable_ > 0) text += "; " + plural(unreadable_, "reply line") + " could not be read";
     return text;
+  }
+  [[nodiscard]] ClockTime now() const { return connection_.clock().now(); }
+  [[nodiscard]] double seconds_since(ClockTime start) const {
+    return std::chrono::duration<double>(now() - start).count();
   }
   /// Line number in the text.
   [[nodiscard]] long number(std::size_t index) const { return index < lines_.size() ? lines_[index].number : 0; }
@@ -137,8 +162,10 @@ class Streamer {
 
   void flush(milliseconds deadline) {
     if (unsent_.empty()) return;
-    const std::size_t taken = connection_.write_some(unsent_, deadline);
-    unsent_.erase(0, taken);
+    const std::size_t queued = connection_.queued();
+    if (queued >= options_.most_queued_bytes) return;
+    const std::string_view next = std::string_view(unsent_).substr(0, options_.most_queued_bytes - queued);
+    unsent_.erase(0, connection_.write_some(next, deadline));
   }
 
   /// A byte that acts at once; it overtakes lines that the system has not taken yet.
@@ -161,7 +188,6 @@ class Streamer {
     std::array<char, 8192> bytes;
     const std::size_t count = connection_.read_some(bytes, deadline);
     if (count == 0) return false;
-    last_reply_ = Clock::now();
     std::string_view news(bytes.data(), count);
     for (;;) {
       const std::size_t end = news.find('\n');
@@ -198,6 +224,7 @@ class Streamer {
         in_flight_ -= static_cast<int>(lines_[static_cast<std::size_t>(acknowledged_)].text.size()) + 1;
         ++acknowledged_;
         if (options_.journal != nullptr) options_.journal->acknowledged(acknowledged_);
+        last_reply_ = now();
       }
     } else if (line.front() == '<') {
       StatusReport report;
@@ -205,6 +232,8 @@ class Streamer {
         if (report.work_offset.empty()) report.work_offset = status_.work_offset;
         status_ = report;
         ++status_count_;
+        reported_ = now();
+        if (!greeting_) look_at_planner();
         if (options_.journal != nullptr && !greeting_) options_.journal->reported(line);
       } else {
         ++unreadable_;
@@ -241,10 +270,28 @@ class Streamer {
     }
   }
 
-  /// [OPT:VNML+,100,1024,6,0]: options, planner blocks, receive buffer.
+  /// What a status report tells about the lines acknowledged so far; replies and reports come in the controller's order.
+  void look_at_planner() {
+    const bool still = status_.state == "Idle" || status_.state == "Check";
+    const int waiting = still                        ? 0
+                        : status_.free_blocks >= 0   ? std::max(0, planner_blocks_ - status_.free_blocks)
+                                                     : planner_blocks_;
+    executed_ = std::max(executed_, acknowledged_ - waiting);
+    // An empty planner between two motions: the cutter stands in the cut. Around other lines that is the program's wish.
+    if (status_.free_blocks < planner_blocks_ || (!still && status_.state != "Run")) return;
+    if (acknowledged_ == 0 || acknowledged_ >= result_.lines_total) return;
+    for (const long index : {acknowledged_ - 1, acknowledged_}) {
+      const detail::LineWords words = detail::words_of(lines_[static_cast<std::size_t>(index)].text);
+      if (!words.axes || words.other_command) return;
+    }
+    if (result_.starved_reports++ == 0) result_.first_starved_line = number(static_cast<std::size_t>(acknowledged_));
+  }
+
+  /// [OPT:VNML+,100,1024,6,0] or [OPT:V,15,128]: options, planner blocks, receive buffer.
   void read_options(std::string_view line) {
     const std::size_t first = line.find(','), second = line.find(',', first + 1);
     if (second == std::string_view::npos) return;
+    std::from_chars(line.data() + first + 1, line.data() + second, planner_blocks_);
     int bytes = 0;
     std::from_chars(line.data() + second + 1, line.data() + line.size(), bytes);
     if (bytes > 1 && result_.receive_buffer_bytes == 0) result_.receive_buffer_bytes = bytes;
@@ -274,9 +321,13 @@ class Streamer {
   /// Asks for a status report and waits for it; false if none comes.
   bool ask_status() {
     const long before = status_count_;
-    send_real_time('?');
-    const auto end = Clock::now() + std::max(kStatusTimeout, options_.reply_timeout);
-    while (status_count_ == before && Clock::now() < end) listen(milliseconds(50));
+    const ClockTime end = now() + std::max<ClockTime>(2 * kStatusTimeout, options_.reply_timeout);
+    while (status_count_ == before && now() < end) {
+      // Asked again: the question may have got lost.
+      send_real_time('?');
+      const ClockTime again = std::min<ClockTime>(end, now() + kStatusTimeout);
+      while (status_count_ == before && now() < again) listen(milliseconds(50));
+    }
     return status_count_ != before;
   }
 
@@ -303,8 +354,8 @@ class Streamer {
       send_real_time(kSoftReset);
     }
     if (options_.greeting != Greeting::kNone) {
-      const auto end = Clock::now() + kBannerTimeout;
-      while (!banner_ && Clock::now() < end) listen(milliseconds(50));
+      const auto end = now() + kBannerTimeout;
+      while (!banner_ && now() < end) listen(milliseconds(50));
       if (!banner_) throw IoError("no grblHAL banner" + on_port + ": is it another controller?");
       drain();
     }
@@ -321,8 +372,8 @@ class Streamer {
                     " times where it should once: somebody else may be sending");
     }
     result_.receive_buffer_bytes = options_.receive_buffer_bytes;
+    command("$I\n", on_port);
     if (options_.receive_buffer_bytes == 0) {
-      command("$I\n", on_port);
       if (result_.receive_buffer_bytes == 0) {
         throw IoError("the controller" + on_port + " does not say how large its receive buffer is: give it in the job");
       }
@@ -345,8 +396,11 @@ class Streamer {
     const int before = greeting_oks_;
     greeting_error_.clear();
     connection_.write_some(text, kStatusTimeout);
-    const auto end = Clock::now() + kStatusTimeout;
-    while (greeting_oks_ == before && greeting_error_.empty() && Clock::now() < end) listen(milliseconds(50));
+    ClockTime end = now() + kStatusTimeout;
+    while (greeting_oks_ == before && greeting_error_.empty() && now() < end) {
+      // On a slow line an answer takes its time; only silence is a time-out.
+      if (listen(milliseconds(50))) end = now() + kStatusTimeout;
+    }
     if (greeting_oks_ == before) {
       throw IoError("the controller" + on_port + " does not acknowledge" +
                     (greeting_error_.empty() ? "" : " but says " + greeting_error_));
@@ -389,39 +443,37 @@ class Streamer {
   }
 
   void progress(bool force = false) {
-    const auto now = Clock::now();
-    if (!force && now - last_progress_ < kProgressInterval) return;
-    last_progress_ = now;
+    if (!force && now() - last_progress_ < kProgressInterval) return;
+    last_progress_ = now();
     monitor_.report("streaming",
                     lines_.empty() ? 1.0 : static_cast<double>(acknowledged_) / static_cast<double>(lines_.size()));
   }
 
-  /// A report for the journal now and then; none while acknowledgements are missing, whose silence must be heard.
-  void poll() {
-    if (options_.journal == nullptr || acknowledged_ == acknowledged_at_poll_) return;
-    if (Clock::now() - last_poll_ < kReportInterval) return;
-    last_poll_ = Clock::now();
-    acknowledged_at_poll_ = acknowledged_;
+  /// Asks for a report now and then, but never so often that reports crowd out acknowledgements on a slow line.
+  void poll_status() {
+    if (options_.status_interval.count() == 0) return;
+    const bool answered = status_count_ > polled_at_count_;
+    if (!answered && now() - polled_ < options_.reply_timeout) return;
+    if (answered && now() - reported_ < std::max<ClockTime>(options_.status_interval, 4 * (reported_ - polled_))) return;
+    polled_ = now();
+    polled_at_count_ = status_count_;
     send_real_time('?');
   }
 
   void stream() {
-    last_reply_ = Clock::now();
+    const ClockTime start = last_reply_ = now();
     while (next_ < lines_.size() || !all_acknowledged()) {
-      poll();
       feed();
       flush(milliseconds(0));
+      poll_status();
       const bool waits_for_room = !unsent_.empty();
-      if (!listen(waits_for_room ? milliseconds(1) : kPollInterval)) {
-        if (operator_line_ && unsent_.empty()) serve_operator();
-        if (!all_acknowledged() && Clock::now() - last_reply_ >= options_.reply_timeout)
-          look_for_lost_acknowledgement();
-      } else if (operator_line_ && all_acknowledged()) {
-        serve_operator();
-      }
+      const bool heard = listen(waits_for_room ? milliseconds(1) : kPollInterval);
+      if (operator_line_ && unsent_.empty() && (!heard || all_acknowledged())) serve_operator();
+      if (!all_acknowledged() && now() - last_reply_ >= options_.reply_timeout) look_for_lost_acknowledgement();
       progress();
     }
     if (operator_line_) serve_operator();
+    result_.streaming_seconds = seconds_since(start);
   }
 
   /// The last line sent was M6, M0 or M1: the controller may be waiting for somebody to press the button.
@@ -438,7 +490,7 @@ class Streamer {
         operator_line_ = false;
         return;
       }
-      if (!all_acknowledged() && Clock::now() - last_reply_ >= options_.reply_timeout) return;
+      if (!all_acknowledged() && now() - last_reply_ >= options_.reply_timeout) return;
       listen(kPollInterval);
     }
     const std::string what = (words.tool_change ? "tool change: " : "program pause: ") + line;
@@ -456,7 +508,7 @@ class Streamer {
       if (i == 20) throw Ended{StreamEnd::kStopped, "the machine does not go on after the operator's confirmation"};
     }
     operator_line_ = false;
-    last_reply_ = Clock::now();
+    last_reply_ = now();
   }
 
   /// No reply for long although lines are under way: is the machine busy, or has an acknowledgement got lost?
@@ -478,7 +530,7 @@ class Streamer {
             options_.on_operator("the machine waits (" + status_.state + ") although the program did not ask for it")) {
           send_real_time('~');
         }
-        last_reply_ = Clock::now();
+        last_reply_ = now();
         return;
       }
       listen(milliseconds(100));
@@ -492,7 +544,8 @@ class Streamer {
       return {StreamEnd::kLostAcknowledgement,
               plural(missing, "acknowledgement") + " missing " + where + " and the machine is idle; " + why};
     };
-    if (idle_bytes_ < 0 || status_.free_bytes != idle_bytes_ || status_.free_blocks != idle_blocks_) {
+    if (idle_bytes_ < 0) throw give_up("it does not report its buffer ($10=3 would make it), so nothing proves where the line is");
+    if (status_.free_bytes != idle_bytes_ || status_.free_blocks != idle_blocks_) {
       throw give_up("its buffer is not empty: the end of a line got lost on the way");
     }
     if (missing != 1) throw give_up("more than one is missing, so lines may have got lost");
@@ -511,8 +564,8 @@ class Streamer {
     journal("> ", "$G");
     greeting_ = true;  // its ok is not a line's
     const int oks = greeting_oks_;
-    const auto end = Clock::now() + kStatusTimeout;
-    while (greeting_oks_ == oks && Clock::now() < end) listen(milliseconds(50));
+    const auto end = now() + kStatusTimeout;
+    while (greeting_oks_ == oks && now() < end) listen(milliseconds(50));
     greeting_ = false;
     if (greeting_oks_ != oks + 1) throw give_up("it does not answer $G as it should");
     if (!programmed_.agrees_modes(modes_, compared)) {
@@ -525,7 +578,7 @@ class Streamer {
     acknowledged_ = static_cast<long>(next_);
     if (options_.journal != nullptr) options_.journal->acknowledged(acknowledged_);
     in_flight_ = 0;
-    last_reply_ = Clock::now();
+    last_reply_ = now();
   }
 
   void wait_until_idle() {

@@ -1,4 +1,4 @@
-// Streams a program to a grblHAL controller: keeps its receive buffer full, never over, and says what happened.
+// Streams a program to a grbl or grblHAL controller: keeps its receive buffer full, never over, and says what happened.
 #pragma once
 
 #include <chrono>
@@ -29,6 +29,10 @@ struct StreamOptions {
   std::chrono::milliseconds settle_time{
       100};                ///< of silence before the first line, so that no stale reply is taken for ours
   int longest_line = 256;  ///< characters the controller takes
+  /// Status reports are asked for so often while streaming: position, planner, starvation. 0: only when in doubt.
+  std::chrono::milliseconds status_interval{250};
+  /// Bytes handed to the system and not on the wire yet: a feed hold waits behind them (128: 11 ms at 115200 baud).
+  std::size_t most_queued_bytes = 128;
   /// After so many lines the stream waits until every acknowledgement is there, so that a lost one is noticed near its
   /// place.
   long audit_every_lines = 20000;
@@ -50,12 +54,19 @@ struct StreamResult {
   long lines_total = 0;
   long lines_sent = 0;
   long lines_acknowledged = 0;  ///< by an ok, or proven executed by a status report
+  long lines_executed = 0;      ///< surely: acknowledged, and no longer in the planner at the last status report
+  std::vector<double> last_position;  ///< MPos of the last status report
   long error_line = 0;          ///< of the program, if the controller named one
   long bytes_sent = 0;
   double seconds = 0;
+  double streaming_seconds = 0;  ///< of them from the first line sent to the last acknowledgement
   int highest_buffer_fill = 0;          ///< unacknowledged bytes, at most receive_buffer_bytes - 1
   int receive_buffer_bytes = 0;         ///< as used
-  long recovered_acknowledgements = 0;  ///< oks that got lost although the lines were executed
+  /// Oks that got lost although position and modes are as after their lines; the one thing that looks the same is a
+  /// whole line lost whose effect a later one has undone, so the message names where.
+  long recovered_acknowledgements = 0;
+  long starved_reports = 0;  ///< status reports that found the planner empty between two motions: the line is too slow
+  long first_starved_line = 0;
   [[nodiscard]] bool done() const { return end == StreamEnd::kDone; }
 };
 

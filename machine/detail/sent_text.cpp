@@ -61,8 +61,11 @@ LineWords words_of(std::string_view line) {
       number = number < 1000 ? number * 10 + (*p - '0') : number;
       digits = true;
     }
-    if (!digits || (p != end && *p == '.')) continue;
-    if (c == 'G' && number <= 3) words.motion = true;
+    const bool whole = digits && (p == end || *p != '.');
+    const bool motion = whole && c == 'G' && number <= 3;
+    words.motion = words.motion || motion;
+    words.other_command = words.other_command || !motion;
+    if (!whole) continue;
     if (c == 'M' && number == 6) words.tool_change = true;
     if (c == 'M' && number <= 1) words.pause = true;
   }

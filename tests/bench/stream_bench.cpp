@@ -111,7 +111,7 @@ int main(int argc, char** argv) {
       SimulatedMachine machine(model, setup, options);
       machine.start();
       long loops = 0;
-      serve(machine, terminal, [&] { return ++loops % 1024 == 0 && getppid() == 1; });
+      serve(machine, terminal, {}, [&] { return ++loops % 1024 == 0 && getppid() == 1; });
       _exit(0);
     }
     auto connection = open_serial(terminal.far_end(), 115200);

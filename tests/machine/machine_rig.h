@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "machine/connection.h"
+#include "machine/lockstep.h"
 #include "machine/pseudo_terminal.h"
 #include "machine/simulated_machine.h"
 
@@ -68,17 +69,30 @@ inline SimulationOptions no_stock() {
   return options;
 }
 
+/// A simulated machine and a line to it in lockstep on a virtual clock.
+struct Lockstep {
+  explicit Lockstep(SimulationOptions options = no_stock(), const LineOptions& line = {},
+                    const MachineModel& model = skew_machine(), const OperatorSetup& setup = skew_setup())
+      : machine(model, setup, (options.clock = &clock, options)), link(machine, clock, line) {
+    machine.start();
+  }
+  VirtualClock clock;
+  SimulatedMachine machine;
+  LockstepLink link;
+};
+
 class MachineRig {
  public:
-  explicit MachineRig(const SimulationOptions& options = no_stock(), const MachineModel& model = skew_machine(),
-                      const OperatorSetup& setup = skew_setup())
-      : machine(model, setup, options), terminal(std::make_unique<PseudoTerminal>(std::filesystem::path())) {
+  explicit MachineRig(const SimulationOptions& options = no_stock(), LineOptions line = {})
+      : machine(skew_machine(), skew_setup(), options),
+        terminal(std::make_unique<PseudoTerminal>(std::filesystem::path())),
+        line_(std::move(line)) {
     machine.start();
   }
   ~MachineRig() { stop(); }
 
   void serve_in_thread() {
-    thread_ = std::thread([this] { serve(machine, *terminal, [this] { return ending_.load(); }); });
+    thread_ = std::thread([this] { serve(machine, *terminal, line_, [this] { return ending_.load(); }); });
   }
   /// After this the machine may be looked at.
   void stop() {
@@ -91,6 +105,7 @@ class MachineRig {
   std::unique_ptr<PseudoTerminal> terminal;
 
  private:
+  LineOptions line_;
   std::atomic<bool> ending_{false};
   std::thread thread_;
 };
