@@ -231,6 +231,7 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
       StreamOptions options;
       // One reset at the start only: so the machine counts its lines through all programs, and a fault finds its place.
       if (i > 0) options.greeting = Greeting::kNone;
+      options.most_queued_bytes = 1 << 16;  // nobody presses hold here
       options.on_operator = [](const std::string&) { return true; };  // the right tool is always at hand here
       outcome.streams.push_back(stream_program(*connection, texts[i], options, monitor.part(done_share, done_share + share)));
       done_share += share;

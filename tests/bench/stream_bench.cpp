@@ -116,6 +116,7 @@ int main(int argc, char** argv) {
     }
     auto connection = open_serial(terminal.far_end(), 115200);
     StreamOptions stream;
+    stream.most_queued_bytes = 1 << 16;
     stream.on_operator = [](const std::string&) { return true; };
     const double user = user_seconds();
     const StreamResult result = stream_program(*connection, text, stream);
