@@ -233,7 +233,10 @@ class Streamer {
         status_ = report;
         ++status_count_;
         reported_ = now();
-        if (!greeting_) look_at_planner();
+        if (!greeting_) {
+          look_at_buffer();
+          look_at_planner();
+        }
         if (options_.journal != nullptr && !greeting_) options_.journal->reported(line);
       } else {
         ++unreadable_;
@@ -268,6 +271,15 @@ class Streamer {
       // A reply that the wire has garbled; the count of acknowledgements will tell whether it was one.
       ++unreadable_;
     }
+  }
+
+  /// The controller cannot hold more than is under way; if it says so, an ok was counted that was none.
+  void look_at_buffer() {
+    const int held = idle_bytes_ - status_.free_bytes;
+    if (idle_bytes_ < 0 || status_.free_bytes < 0 || held <= in_flight_) return;
+    throw Ended{StreamEnd::kLostAcknowledgement,
+                "the controller's buffer holds " + std::to_string(held) + " bytes where at most " +
+                    std::to_string(in_flight_) + " can be under way: an acknowledgement came twice"};
   }
 
   /// What a status report tells about the lines acknowledged so far; replies and reports come in the controller's order.
@@ -523,13 +535,9 @@ class Streamer {
         const long at = number(static_cast<std::size_t>(acknowledged_));
         throw Ended{StreamEnd::kAlarm, "the controller is in alarm", at};
       }
-      // Run, Hold, Door, Tool: it has its reasons, the lines are safe in its buffer. Somebody at the machine may have
-      // held it.
+      // Run, Hold, Door, Tool: it has its reasons, the lines are safe in its buffer.
       if (status_.state != "Idle" && status_.state != "Check") {
-        if (status_.state != "Run" && options_.on_operator &&
-            options_.on_operator("the machine waits (" + status_.state + ") although the program did not ask for it")) {
-          send_real_time('~');
-        }
+        if (status_.state != "Run") serve_held_machine();
         last_reply_ = now();
         return;
       }
@@ -581,12 +589,26 @@ class Streamer {
     last_reply_ = now();
   }
 
+  /// Somebody at the machine may have held it, or opened its door.
+  void serve_held_machine() {
+    if (!options_.on_operator) return;
+    const std::string what = "the machine waits (" + status_.state + ") although the program did not ask for it";
+    if (!options_.on_operator(what)) throw Ended{StreamEnd::kStopped, what + " and the operator does not go on"};
+    send_real_time('~');
+  }
+
   void wait_until_idle() {
+    ClockTime moved = now();
     for (;;) {
       progress(true);
       if (!ask_status()) throw Ended{StreamEnd::kLostAcknowledgement, "the controller does not answer any more"};
       if (status_.state == "Idle" || status_.state == "Check") return;
       if (status_.state == "Alarm") throw Ended{StreamEnd::kAlarm, "the controller is in alarm"};
+      if (status_.state == "Run") moved = now();
+      if (now() - moved >= options_.reply_timeout) {
+        serve_held_machine();
+        moved = now();
+      }
       listen(kPollInterval);
     }
   }

@@ -37,8 +37,8 @@ struct StreamOptions {
   /// place.
   long audit_every_lines = 20000;
   /// Asked when the program stops for the operator (tool change, M0); true: go on, `~` is sent. Without it the stream
-  /// ends there. Also asked when the machine is held for longer than reply_timeout without the program's wish (without
-  /// it: waits).
+  /// ends there. Also asked when the machine is held for longer than reply_timeout without the program's wish (false: the
+  /// stream ends; without it: waits).
   std::function<bool(const std::string& what)> on_operator;
   /// Told before lines are sent, and when they are acknowledged or a status is reported. When it cannot be written the
   /// machine is held.
