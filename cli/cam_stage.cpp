@@ -12,7 +12,9 @@
 #include "cli/pictures.h"
 #include "cli/spline_file.h"
 #include "cli/stage_runs.h"
+#include "design/caustic.h"
 #include "design/core/errors.h"
+#include "design/core/image.h"
 #include "design/core/text.h"
 #include "postproc/machine_model.h"
 
@@ -58,7 +60,8 @@ json to_json(const ToolPath& path, double rapid_mm_per_s) {
 }  // namespace
 
 StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& monitor) {
-  const Outline outline = outline_of(scene_of(job).lens);
+  const Scene scene = scene_of(job);
+  const Outline outline = outline_of(scene.lens);
   const bool cut_out = is_cut_out(job);
   const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
   const Box2 extent = Box2::centred(job.lens.size_mm);
@@ -109,7 +112,15 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   const ReachableSurface reachable =
       within(reachable_surface(surface, job.finish.cutter.radius_mm(), pitch, monitor.part(0.86, 0.95)), outline);
 
-  monitor.report("pictures", 0.95);
+  // The light that an ideal ball's part will cast: what creases and hollows lose to its radius, before any cusp.
+  monitor.report("light through what the ball reaches", 0.95);
+  const TargetLight target = target_of(job);
+  CausticOptions light_options;
+  light_options.angular_diameter_rad = job.light.angular_diameter_rad;
+  const Caustic caustic = trace_heights(reachable.closing_mm, reachable.extent, scene.lens, scene.light, job.receiver, target.extent, light_options);
+  write_png8(folder.file("cam/caustic_reachable.png"), display_picture(caustic.flux, job.receiver.viewed_from, display_white(target)));
+
+  monitor.report("pictures", 0.97);
   constexpr int kHeightPixels = 800;
   write_height_picture(folder.file("cam/surface.png"), sample_heights(surface, kHeightPixels), extent.size().maxCoeff() / kHeightPixels);
   write_deviation_picture(folder.file("cam/unreachable.png"), reachable.residue_um, std::max(1.0, std::ceil(reachable.max_residue_um)));
@@ -123,7 +134,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
                           std::max(0.1, std::ceil(3 * fit.summary.rms_normal_deviation_urad) / 1000), "mrad");
 
   StageResult result;
-  result.files = {"cam/fit_height.png", "cam/fit_normal.png", "cam/spline.bin", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "cam/surface.png", "cam/unreachable.png"};
+  result.files = {"cam/caustic_reachable.png", "cam/fit_height.png", "cam/fit_normal.png", "cam/spline.bin", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "cam/surface.png", "cam/unreachable.png"};
   if (job.mesh_tolerance_mm > 0) result.files.insert(result.files.end(), {"cam/lens.stl", "cam/lens.3mf"});
   const double rapid = read_machine(job.machine.file).x.max_speed_mm_per_s;
   json& cam = result.report["cam"];
@@ -163,7 +174,8 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
                       {"unreachable_share", reachable.unreachable_area_mm2 / outline.area_mm2()},
                       {"threshold_um", reachable.threshold_um},
                       {"max_residue_um", reachable.max_residue_um},
-                      {"ball_radius_mm", job.finish.cutter.radius_mm()}};
+                      {"ball_radius_mm", job.finish.cutter.radius_mm()},
+                      {"caustic", to_json(measure_caustic(caustic, target))}};
   return result;
 }
 

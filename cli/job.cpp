@@ -357,11 +357,14 @@ Job read_table(TomlTable root, const fs::path& folder, Job job) {
   read_light(root.table("light"), folder, job);
   read_receiver(root.table("receiver"), job);
   read_transport(root.table("transport"), job);
-  read_surface(root.table("surface"), job);
+  TomlTable surface = root.table("surface");
+  read_surface(surface, job);
   read_stock(root.table("stock"), job);
   read_rough(root.table("rough"), folder, job);
   read_ball_pass(root.table("semi_finish"), folder, cutters / "semi_finish_4mm_ball.toml", job.semi_finish);
   read_ball_pass(root.table("finish"), folder, cutters / "finish_4mm_ball.toml", job.finish);
+  // What the design is held against is the ball that will cut it.
+  if (!surface.has("min_concave_radius_mm")) job.surface.min_concave_radius_mm = job.finish.cutter.radius_mm();
   read_profile(root.table("profile"), job);
   read_mount(root.table("mount"), job);
   TomlTable solid = root.table("solid");

@@ -257,6 +257,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
                   "red: material left, blue: material missing; full colour at " + range + " µm; strongest value per pixel");
   html += picture(folder, "cam/fit_height.png", "Spline minus mesh", "height at the vertices; the lines are creases, which a smooth surface rounds");
   html += picture(folder, "cam/fit_normal.png", "Spline against mesh, normals", "angle at the vertices, which the light sees");
+  html += picture(folder, "cam/caustic_reachable.png", "Light through what the ball reaches", caustic_caption(report, "/cam/reachable/caustic"), true);
   html += picture(folder, "cam/unreachable.png", "Out of the ball's reach", "what an ideal finishing ball leaves standing");
   html += "</div>\n";
   html += "<h2>Tool paths</h2>\n<div class=pictures>\n";
@@ -340,16 +341,17 @@ std::string gallery_page(const std::vector<std::filesystem::path>& folders, cons
     const char* title;
     bool light;
   };
-  static constexpr Wanted kWanted[] = {{"target_view.png", "Target", true},
-                                       {"caustic.png", "Light through the surface", true},
-                                       {"exposures.png", "Half a second, two seconds", true},
-                                       {"caustic_colour.png", "Through the colour mask", true},
-                                       {"curvature.png", "Curvature", false},
-                                       {"checkerboard.png", "Checkerboard through the lens", false},
-                                       {"color_mask.png", "Colour mask", false},
-                                       {"cells.png", "Power diagram, at most 20,000 samples", false},
-                                       {"samples.png", "Samples on their way", false},
-                                       {"heights.png", "Height", false}};
+  static constexpr Wanted kWanted[] = {{"design/target_view.png", "Target", true},
+                                       {"design/caustic.png", "Light through the surface", true},
+                                       {"cam/caustic_reachable.png", "Light through what the finishing ball reaches", true},
+                                       {"design/exposures.png", "Half a second, two seconds", true},
+                                       {"design/caustic_colour.png", "Through the colour mask", true},
+                                       {"design/curvature.png", "Curvature", false},
+                                       {"design/checkerboard.png", "Checkerboard through the lens", false},
+                                       {"design/color_mask.png", "Colour mask", false},
+                                       {"design/cells.png", "Power diagram, at most 20,000 samples", false},
+                                       {"design/samples.png", "Samples on their way", false},
+                                       {"design/heights.png", "Height", false}};
   std::string html = "<!doctype html><html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width\"><title>Lightmill gallery</title>\n<style>" +
                      std::string(kStyle) + "</style></head><body><main>\n<h1>Gallery</h1>\n";
   const fs::path here = fs::absolute(page).parent_path();
@@ -367,7 +369,7 @@ std::string gallery_page(const std::vector<std::filesystem::path>& folders, cons
             compact(job.lens.size_mm.x(), 1) + " x " + compact(job.lens.size_mm.y(), 1) + " mm at " + compact(job.receiver.distance_mm, 1) + " mm; " +
             caustic_caption(report, "/design/caustic") + "</p>\n<div class=pictures>\n";
     for (const Wanted& wanted : kWanted) {
-      const std::string file = std::string("design/") + wanted.file;
+      const std::string file = wanted.file;
       std::error_code error;
       if (!fs::exists(folder.file(file), error)) continue;
       html += "<figure" + std::string(wanted.light ? " class=light" : "") + "><a href=\"" + escaped(link + "/" + file) + "\"><img src=\"" +

@@ -81,8 +81,10 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
           .text(sections.at("surface"));
       break;
     case Stage::kCam:
-      inputs.file(folder.file("design/surface.ply")).text(job.name).text(job.author).file(job.source_files.outline);
-      for (const char* name : {"lens", "solid", "mount", "stock", "rough", "semi_finish", "finish", "profile"}) inputs.text(sections.at(name));
+      target();
+      light_files();
+      inputs.file(folder.file("design/surface.ply")).text(job.name).text(job.author);
+      for (const char* name : {"lens", "light", "receiver", "solid", "mount", "stock", "rough", "semi_finish", "finish", "profile"}) inputs.text(sections.at(name));
       inputs.file(job.rough.cutter_file).file(job.semi_finish.cutter_file).file(job.finish.cutter_file).file(job.machine.file);
       break;
     case Stage::kPost:

@@ -11,7 +11,10 @@
 namespace lightmill {
 namespace {
 
+using test::fixture;
+using test::replaced;
 using test::ScratchFolder;
+using test::slurp;
 using test::spill;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
@@ -107,6 +110,16 @@ TEST(Job, MountingFeaturesReadBackAsThemselvesAndNeedALand) {
   EXPECT_EQ(again.mount.label_at_mm, Vec2(1, -53));
   EXPECT_THAT(refusal(kPicture + mount), AllOf(HasSubstr("mount.chamfer_mm"), HasSubstr("lens.land_mm")));
   EXPECT_THAT(refusal(kPicture + "[mount]\nlabel_side = \"wall\"\n"), HasSubstr("mount.label_side"));
+}
+
+TEST(Job, TheDesignIsHeldAgainstTheFinishingBall) {
+  const ScratchFolder scratch;
+  spill(scratch / "ball.toml", replaced(replaced(slurp(fixture("cutters/finish_4mm_ball.toml")), "\ndiameter_mm = 4.0", "\ndiameter_mm = 3.0"),
+                                        "corner_radius_mm = 2.0", "corner_radius_mm = 1.5"));
+  const std::string ball = "[finish]\ncutter = \"" + (scratch / "ball.toml").string() + "\"\n";
+  EXPECT_EQ(read_job_text(kPicture, "x.toml", "/a/b").surface.min_concave_radius_mm, 2);
+  EXPECT_EQ(read_job_text(kPicture + ball, "x.toml", "/a/b").surface.min_concave_radius_mm, 1.5);
+  EXPECT_EQ(read_job_text(kPicture + ball + "[surface]\nmin_concave_radius_mm = 7\n", "x.toml", "/a/b").surface.min_concave_radius_mm, 7);
 }
 
 TEST(Job, AnImpossibleSourceLightIsRefused) {

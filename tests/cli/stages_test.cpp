@@ -102,6 +102,7 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   EXPECT_LT(report.at("/dry_run/max_cusp_um"_json_pointer), 4.6) << "4 um were asked for";
   EXPECT_GT(report.at("/dry_run/max_cusp_um"_json_pointer), 2.0) << "a ball at this stepover cannot leave less";
   EXPECT_LT(report.at("/design/caustic/l1_error"_json_pointer), 0.1);
+  EXPECT_LT(report.at("/cam/reachable/caustic/l1_error"_json_pointer), 0.2) << "before cusps and polish";
   EXPECT_EQ(report.at("/dry_run/link/digest_matches"_json_pointer), true);
   // Every block takes its time: the passes' times are the whole, and longer than what the feeds alone ask for.
   double minutes = 0;
