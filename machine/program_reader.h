@@ -24,7 +24,8 @@ using AxisValues = std::array<double, 5>;
 /// What the operator has entered at the control.
 struct ReaderSetup {
   std::array<AxisValues, 9> offsets{};   ///< G54, G55 ... G59, G59.1, G59.2, G59.3; datums 1 to 9 on Heidenhain
-  std::map<int, double> tool_length_mm;  ///< tool table
+  std::map<int, double> tool_length_mm;    ///< tool table
+  std::map<int, double> tool_diameter_mm;  ///< tool table, for G41 and G42; negative: the other side
   AxisValues start{};                    ///< machine coordinates
   long most_blocks = 100'000'000;        ///< executed; a program that needs more does not end
 };

@@ -35,7 +35,10 @@ class Runner {
     at_[2] = machine.retract_z_mm;
     const Vec3& zero = setup.workpiece_origin_mm;
     reader_.offsets[static_cast<std::size_t>(setup.work_offset - 54)] = {zero.x(), zero.y(), zero.z(), 0, 0};
-    for (const Cutter& cutter : setup.cutters) reader_.tool_length_mm[cutter.number] = cutter.length_mm;
+    for (const Cutter& cutter : setup.cutters) {
+      reader_.tool_length_mm[cutter.number] = cutter.length_mm;
+      reader_.tool_diameter_mm[cutter.number] = cutter.diameter_mm;
+    }
   }
 
   /// False if the machine has stopped.

@@ -8,8 +8,10 @@ namespace lightmill::detail {
 /// G81, G82, G83, G85, G89 along Z.
 void WordReader::drill() {
   if (plane_ != 0) reject(1, "canned cycles are understood in G17 only");
+  if (compensation_.on()) reject(1, "canned cycles while cutter compensation is on");
   if (inverse_time_ || feed_ == 0) reject(1, "a canned cycle needs a feed per minute");
-  const AxisValues from = core_.here();
+  const AxisValues from = place();
+  lead_ = {};
   const bool fresh = motion_ != last_cycle_;
   last_cycle_ = motion_;
   if (fresh) cycle_level_ = from[2];

@@ -74,7 +74,7 @@ double WordReader::parameter(int depth) {
     if (const double* known = named(name)) return *known;
     static constexpr const char* kAxes[] = {"_X", "_Y", "_Z"};
     for (std::size_t i = 0; i < 3; ++i) {
-      if (name == kAxes[i]) return core_.here()[i] / unit_;
+      if (name == kAxes[i]) return (compensation_.on() ? compensation_.centre() : place())[i] / unit_;
     }
     if (name == "_METRIC") return unit_ == 1;
     if (name == "_IMPERIAL") return unit_ != 1;
@@ -91,7 +91,10 @@ int WordReader::address(double v, int where) {
 }
 
 double WordReader::numbered(int n) {
-  if (n >= 5420 && n <= 5422) return core_.here()[static_cast<std::size_t>(n - 5420)] / unit_;
+  if (n >= 5420 && n <= 5422) {
+    if (compensation_.on()) reject(column(), "the position is not known while cutter compensation is on");
+    return place()[static_cast<std::size_t>(n - 5420)] / unit_;
+  }
   if (n == 5400) return tool_;
   const auto found = numbers_.find(n);
   return found == numbers_.end() ? 0 : found->second;

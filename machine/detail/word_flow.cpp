@@ -91,7 +91,7 @@ void WordReader::restore() {
     renew_offset();
   }
   if (spindle_ != kept.spindle || (spindle_ != 5 && rpm_ != kept.rpm)) {
-    core_.say(ProgramStep::kSpindle, kept.spindle, kept.spindle == 5 ? 0 : kept.rpm);
+    tell(ProgramStep::kSpindle, kept.spindle, kept.spindle == 5 ? 0 : kept.rpm);
   }
   spindle_ = kept.spindle;
   rpm_ = kept.rpm;

@@ -3,10 +3,58 @@
 
 namespace lightmill::detail {
 
+namespace {
+// The plane's axes in the order of a right-handed turn, and the axis across: G17, G18, G19.
+constexpr int kPlanes[3][3] = {{0, 1, 2}, {2, 0, 1}, {1, 2, 0}};
+}  // namespace
+
 void WordReader::renew_offset() {
   AxisValues sum = offsets_[offset_];
   for (std::size_t i = 0; i < 5; ++i) sum[i] += shift_[i];
   core_.set_offset(sum);
+}
+
+AxisValues WordReader::place() const {
+  if (compensation_.on()) return compensation_.programmed();
+  AxisValues p = core_.here();
+  for (std::size_t i = 0; i < 3; ++i) p[i] += lead_[i];
+  return p;
+}
+
+/// G40, G41, G42, G41.1, G42.1.
+void WordReader::set_compensation(int tenths) {
+  if (tenths == 400) {
+    if (!compensation_.on()) return;
+    const bool entered = compensation_.entered();
+    compensation_.stop();
+    if (!entered) return;
+    for (std::size_t i = 0; i < 3; ++i) lead_[i] = compensation_.programmed()[i] - core_.here()[i];
+    arc_refused_ = true;
+    return;
+  }
+  if (compensation_.on()) reject(1, "cutter compensation is on already");
+  if (plane_ == 2) reject(1, "cutter compensation needs G17 or G18");
+  double diameter = 0;
+  if (tenths % 10 == 1) {
+    diameter = need('D', "G41.1 and G42.1") * unit_;
+    if (has('L')) {
+      if (plane_ != 1) reject(column_of('L'), "L beside a diameter needs G18");
+      const double l = use('L');
+      if (l != 0 && l != 9) reject(column_of('L'), "orientations of lathe tools are not for this machine");
+    }
+  } else {
+    if (has('L')) use('L');  // as the control does
+    const double d = has('D') ? use('D') : 0;
+    if (d != std::floor(d) || d < 0 || d > 99999) reject(column_of('D'), "D names a tool");
+    const int number = d == 0 ? tool_ : static_cast<int>(d);
+    const auto found = core_.setup.tool_diameter_mm.find(number);
+    if (number != 0 && found == core_.setup.tool_diameter_mm.end())
+      reject(d == 0 ? 1 : column_of('D'), "tool " + std::to_string(number) + " has no diameter in the tool table");
+    if (number != 0) diameter = found->second;
+  }
+  const int side = (tenths / 10 == 41) == (diameter >= 0) ? 1 : -1;
+  const AxisValues from = place();
+  compensation_.start(side, std::abs(diameter) / 2, kPlanes[plane_][0], kPlanes[plane_][1], from);
 }
 
 /// G43, G43.1, G43.4, G49; true if the axis words are its own.
@@ -44,7 +92,7 @@ bool WordReader::shift(int tenths) {
     case 920:
       for (const int axis : taken_axes()) {
         const auto i = static_cast<std::size_t>(axis);
-        shift_[i] += core_.here()[i] - target_value(axis);
+        shift_[i] += place()[i] - target_value(axis);
       }
       renew_offset();
       return true;
@@ -81,7 +129,7 @@ double WordReader::target_value(int axis) {
 std::pair<double, double> WordReader::polar_end() {
   if (plane_ != 0) reject(polar_column_, "polar words need G17");
   if (has('X') || has('Y')) reject(polar_column_, "polar words beside X or Y");
-  const double x = core_.here()[0], y = core_.here()[1];
+  const double x = place()[0], y = place()[1];
   const bool at_zero = std::hypot(x, y) < 1e-9;
   if (at_zero && (incremental_ || !polar_angle_ || !polar_radius_)) {
     reject(polar_column_, "at zero a polar word has no radius or angle to start from");
@@ -110,12 +158,13 @@ void WordReader::set_data() {
 void WordReader::reference() {
   const auto axes = taken_axes();
   if (core_.tcp()) reject(1, "reference move while tool-centre-point control is on");
-  AxisValues via = core_.here();
+  AxisValues via = place();
+  lead_ = {};
   for (const int axis : axes) {
     const double v = target_value(axis);
     via[static_cast<std::size_t>(axis)] = incremental_ ? via[static_cast<std::size_t>(axis)] + v : v;
   }
-  if (!axes.empty()) core_.move(via, true, 0);
+  if (!axes.empty() || via != core_.here()) core_.move(via, true, 0);
   AxisValues home = core_.joints();
   for (int axis = 0; axis < 5; ++axis) {
     if (axes.empty() || std::find(axes.begin(), axes.end(), axis) != axes.end())
@@ -125,11 +174,13 @@ void WordReader::reference() {
 }
 
 void WordReader::move(bool machine_coordinates, bool feed_here) {
-  AxisValues to = core_.here();
+  AxisValues to = place();
   const std::uint32_t named = words_ & axis_letters_;
   if (machine_coordinates) {
     if (motion_ > 1) reject(1, "G53 needs G0 or G1");
+    if (compensation_.on()) reject(1, "G53 while cutter compensation is on");
     to = core_.joints();
+    for (std::size_t i = 0; i < 3; ++i) to[i] += lead_[i];
   }
   if (motion_ >= 81) return drill();
   last_cycle_ = -1;
@@ -150,20 +201,33 @@ void WordReader::move(bool machine_coordinates, bool feed_here) {
     if (feed_ == 0) reject(1, "feed not given or zero");
   }
   if (motion_ <= 1) {
-    if (machine_coordinates)
-      core_.move_joints(to, motion_ == 0, timed(core_.seconds_at(to, feed_)));
-    else
-      core_.move(to, motion_ == 0, timed(core_.seconds_at(to, feed_)));
-    return;
+    if (machine_coordinates) {
+      const double seconds = motion_ == 0 ? 0 : inverse_time_ ? 60 / feed_ : core_.seconds_at(to, feed_);
+      lead_ = {};
+      return core_.move_joints(to, motion_ == 0, seconds);
+    }
+    return straight(to);
   }
   arc(to, named);
 }
 
+void WordReader::straight(const AxisValues& to) {
+  const bool rapid = motion_ == 0;
+  arc_refused_ = false;
+  if (compensation_.on()) {
+    const AxisValues from = place();
+    double way = std::hypot(to[0] - from[0], to[1] - from[1], to[2] - from[2]);
+    if (way == 0) way = std::hypot(to[3] - from[3], to[4] - from[4]) / kRadPerDegree;
+    return compensation_.move({to, rapid, inverse_time_ ? way * feed_ : feed_, {}});
+  }
+  lead_ = {};
+  core_.move(to, rapid, rapid ? 0 : inverse_time_ ? 60 / feed_ : core_.seconds_at(to, feed_));
+}
+
 void WordReader::arc(const AxisValues& to, std::uint32_t named) {
-  // The plane's axes in the order of a right-handed turn, and the letters of the centre.
-  static constexpr int kPlanes[3][3] = {{0, 1, 2}, {2, 0, 1}, {1, 2, 0}};
+  if (arc_refused_) reject(1, "the move after G40 must be straight");
   const int u = kPlanes[plane_][0], v = kPlanes[plane_][1], w = kPlanes[plane_][2];
-  const AxisValues from = core_.here();
+  const AxisValues from = place();
   const bool clockwise = motion_ == 2;
   double cu = 0, cv = 0, extra_turns = 0;
   if (has('P')) {
@@ -188,7 +252,9 @@ void WordReader::arc(const AxisValues& to, std::uint32_t named) {
   double turn = turn_between(std::atan2(from[v] - cv, from[u] - cu), std::atan2(to[v] - cv, to[u] - cu), clockwise);
   turn += (clockwise ? -2 : 2) * kPi * extra_turns;
   const double length = std::hypot(std::hypot(from[u] - cu, from[v] - cv) * turn, to[w] - from[w]);
-  core_.arc(to, u, v, cu, cv, turn, timed(length * 60 / feed_));
+  if (compensation_.on())
+    return compensation_.move({to, false, inverse_time_ ? length * feed_ : feed_, ContourMove::Arc{cu, cv, turn}});
+  core_.arc(to, u, v, cu, cv, turn, inverse_time_ ? 60 / feed_ : length * 60 / feed_);
 }
 
 }  // namespace lightmill::detail

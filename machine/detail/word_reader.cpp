@@ -4,7 +4,7 @@
 namespace lightmill::detail {
 
 WordReader::WordReader(std::string_view text, bool fanuc, ReaderCore& core)
-    : fanuc_(fanuc), core_(core), lines_(split_lines(text)) {
+    : fanuc_(fanuc), core_(core), lines_(split_lines(text)), compensation_(core) {
   for (const char letter : {'X', 'Y', 'Z', 'A', 'B', 'C'}) {
     if (core.axis_of(letter) >= 0) axis_letters_ |= bit(letter);
   }
@@ -23,6 +23,7 @@ ReadResult WordReader::run() {
       read_block(lines_[at_]);
       at_ = next_;
     }
+    compensation_.flush();
     if (!ended_) {
       core_.line = static_cast<long>(lines_.size());
       if (percents_ < 2) reject(1, "the file ends without M2, M30 or a closing %");
@@ -104,6 +105,12 @@ void WordReader::read_block(std::string_view line) {
   }
 }
 
+namespace {
+std::string code_name(int tenths) {
+  return std::to_string(tenths / 10) + (tenths % 10 != 0 ? "." + std::to_string(tenths % 10) : "");
+}
+}  // namespace
+
 void WordReader::read_word(std::uint32_t& groups) {
   const int where = column();
   if (*p_ == '#' && !fanuc_) {
@@ -136,8 +143,7 @@ void WordReader::read_word(std::uint32_t& groups) {
     const int tenths = static_cast<int>(rounded);
     const int group = letter == 'G' ? g_group(tenths) : m_group(tenths);
     if (group < 0) {
-      reject(where, letter + std::to_string(tenths / 10) + (tenths % 10 != 0 ? "." + std::to_string(tenths % 10) : "") +
-                        " is not known to this control");
+      reject(where, letter + code_name(tenths) + " is not known to this control");
     }
     const std::uint32_t mark = 1U << (letter == 'G' ? group : group + 16);  // M codes have groups of their own
     if ((groups & mark) != 0) reject(where, "two codes of one modal group in a block");
@@ -188,6 +194,11 @@ int WordReader::g_group(int tenths) const {
       return 6;
     case 400:
       return 7;
+    case 410:
+    case 411:
+    case 420:
+    case 421:
+      return fanuc_ ? -1 : 7;
     case 430:
     case 490:
       return 8;
@@ -295,6 +306,9 @@ void WordReader::take_g(const Code& g, Request& request) {
     case 6:
       unit_ = code == 20 ? kMmPerInch : 1;
       break;
+    case 7:
+      request.compensation = g.tenths;
+      break;
     case 8:
       request.length = g.tenths;
       break;
@@ -367,7 +381,7 @@ void WordReader::set_speed_and_tool(Request& request) {
   }
   if (request.spindle >= 0) {
     spindle_ = request.spindle;
-    core_.say(ProgramStep::kSpindle, spindle_, spindle_ == 5 ? 0 : rpm_);
+    tell(ProgramStep::kSpindle, spindle_, spindle_ == 5 ? 0 : rpm_);
   }
 }
 
@@ -375,12 +389,24 @@ void WordReader::dwell() {
   const char letter = fanuc_ && has('X') && !has('P') ? 'X' : 'P';
   const double time = need(letter, "G4");
   if (time < 0) reject(column_of(letter), "negative time");
-  core_.say(ProgramStep::kDwell, 0, fanuc_ && letter == 'P' ? time / 1000 : time);
+  tell(ProgramStep::kDwell, 0, fanuc_ && letter == 'P' ? time / 1000 : time);
+}
+
+/// What LinuxCNC does not take while cutter compensation is on.
+void WordReader::refuse_beside_compensation(const Code& code) {
+  if (!compensation_.on()) return;
+  const bool refused = code.letter == 'G'
+                           ? code.group == 8 || code.group == 10 || code.group == 12 || code.group == 13 ||
+                                 (code.group == 0 && code.tenths > 40 && code.tenths != 100 && code.tenths < 921) ||
+                                 (code.group == 2 && code.tenths / 10 - 17 != plane_)
+                           : code.group == 6 || code.group == 9 || code.group == 10;
+  if (refused) reject(1, std::string(1, code.letter) + code_name(code.tenths) + " while cutter compensation is on");
 }
 
 void WordReader::perform() {
   Request request;
   for (const Code& code : codes_) {
+    refuse_beside_compensation(code);
     if (code.letter == 'G')
       take_g(code, request);
     else
@@ -388,7 +414,7 @@ void WordReader::perform() {
   }
   const bool feed_here = set_feed(request.feed_mode);
   set_speed_and_tool(request);
-  if (request.coolant >= 0) core_.say(ProgramStep::kCoolant, request.coolant);
+  if (request.coolant >= 0) tell(ProgramStep::kCoolant, request.coolant);
   if (request.shot == 40) dwell();
   if (request.shot == 51) {
     const double q = need('Q', "G5.1");
@@ -399,6 +425,7 @@ void WordReader::perform() {
     offset_ = static_cast<std::size_t>(request.offset);
     renew_offset();
   }
+  if (request.compensation >= 0) set_compensation(request.compensation);
   bool axes_taken = request.length >= 0 && set_length(request.length);
   if (request.tcp >= 0) core_.set_tcp(request.tcp == 1);
   axes_taken |= shift(request.shot);
@@ -421,6 +448,10 @@ void WordReader::perform() {
 }
 
 void WordReader::stop(int code) {
+  if (code == 2 || code == 30)
+    compensation_.stop();
+  else if (code == 0 || code == 1 || code == 60)
+    compensation_.flush();
   switch (code) {
     case 0:
     case 1:

@@ -6,7 +6,7 @@
 #include <optional>
 #include <unordered_map>
 
-#include "machine/detail/reader_core.h"
+#include "machine/detail/cutter_compensation.h"
 
 namespace lightmill::detail {
 
@@ -82,8 +82,8 @@ class WordReader {
   };
   /// What a block's codes ask for; -1: nothing of the kind.
   struct Request {
-    int motion = -1, length = -1, shot = -1, offset = -1, feed_mode = -1, stop = -1, spindle = -1, coolant = -1,
-        tcp = -1, keep = -1;
+    int motion = -1, compensation = -1, length = -1, shot = -1, offset = -1, feed_mode = -1, stop = -1, spindle = -1,
+        coolant = -1, tcp = -1, keep = -1;
     bool change = false;
   };
   void read_block(std::string_view line);
@@ -107,11 +107,22 @@ class WordReader {
   void perform();
   bool set_feed(int feed_mode);
   void set_speed_and_tool(Request& request);
+  void refuse_beside_compensation(const Code& code);
+  /// Behind the move that cutter compensation holds back.
+  void tell(ProgramStep::Kind kind, int number, double value = 0) {
+    if (compensation_.on())
+      compensation_.say(kind, number, value);
+    else
+      core_.say(kind, number, value);
+  }
   void dwell();
   void stop(int code);
 
   // --- Offsets, lengths, moves and arcs: word_motion.cpp ---
   void renew_offset();
+  /// Where the program means to stand: with cutter compensation the contour's point.
+  [[nodiscard]] AxisValues place() const;
+  void set_compensation(int tenths);
   bool set_length(int tenths);
   bool shift(int tenths);
   std::vector<int> taken_axes();
@@ -121,11 +132,8 @@ class WordReader {
   void set_data();
   void reference();
   void move(bool machine_coordinates, bool feed_here);
+  void straight(const AxisValues& to);
   void arc(const AxisValues& to, std::uint32_t named);
-  /// A feed move's time; `seconds_at_feed` under feed per minute.
-  [[nodiscard]] double timed(double seconds_at_feed) const {
-    return motion_ == 0 ? 0 : inverse_time_ ? 60 / feed_ : seconds_at_feed;
-  }
 
   // --- Canned cycles: word_cycles.cpp ---
   void drill();
@@ -159,6 +167,9 @@ class WordReader {
   std::size_t offset_ = 0;
   std::array<AxisValues, 9> offsets_{};
   AxisValues shift_{}, kept_shift_{};
+  CutterCompensation compensation_;
+  AxisValues lead_{};         ///< from where the machine stands to where the program means: after G40, up to a move
+  bool arc_refused_ = false;  ///< by the move after G40
   std::vector<std::optional<Modes>> saved_{1};
   std::vector<bool> restores_{false};  ///< M73: at the subprogram's return
   std::optional<double> polar_radius_, polar_angle_;

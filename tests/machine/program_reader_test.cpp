@@ -22,6 +22,7 @@ Reading read(const std::string& text, ReaderDialect dialect = ReaderDialect::kLi
   ReaderSetup setup;
   setup.offsets[0] = {10, -5, -400, 0, 0};
   setup.tool_length_mm = {{1, 80}, {3, 85}};
+  setup.tool_diameter_mm = {{1, 4}};
   setup.most_blocks = most_blocks;
   Reading reading;
   const MachineModel machine = test::skew_machine();
@@ -81,6 +82,47 @@ TEST(ProgramReader, ExpressionsLoopsAndSubprograms) {
   EXPECT_NEAR(r.moves[6].programmed[0], 45, 1e-12);
   EXPECT_NEAR(r.moves[6].programmed[1], -0.5, 1e-12);
   EXPECT_NEAR(r.moves[6].programmed[2], -5, 1e-12);
+}
+
+// The centre keeps the radius to the side: round outside corners, cut short in inside ones.
+TEST(ProgramReader, CutterCompensationKeepsTheRadius) {
+  const std::string start = "T1 M6 F600\nG0 X-10 Y0\n";
+  const Reading r = read(start + "G41 G1 X0\nX10\nG4 P1\nY10\nX20\nY0\nG40 G0 Y20\nM2\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  const Vec3 ends[] = {{-10, 0, 0}, {0, 2, 0},   {8, 2, 0},  {8, 12 - 2, 0}, {10, 12, 0},
+                       {20, 12, 0}, {22, 10, 0}, {22, 0, 0}, {20, 20, 0}};
+  ASSERT_EQ(r.moves.size(), std::size(ends));
+  for (std::size_t i = 0; i < std::size(ends); ++i)
+    EXPECT_LT((Vec3(r.moves[i].programmed[0], r.moves[i].programmed[1], 0) - ends[i]).norm(), 1e-12) << i;
+  EXPECT_NEAR(r.moves[2].seconds, 0.8, 1e-12) << "the feed holds along the centre's path";
+  std::size_t dwell = 0;
+  for (std::size_t i = 0; i < r.steps.size(); ++i) {
+    if (r.steps[i].kind == ProgramStep::kDwell) dwell = i;
+  }
+  EXPECT_EQ(r.steps[dwell - 1].line, 4) << "what is said behind a move stays behind it";
+  // Every chord of the arcs at outside corners keeps the radius.
+  for (const ProgramStep& step : r.steps) {
+    if (step.kind != ProgramStep::kMove || step.whole) continue;
+    const double x = step.programmed[0], y = step.programmed[1];
+    EXPECT_NEAR(x < 15 ? std::hypot(x - 10, y - 10) : std::hypot(x - 20, y - 10), 2, 1e-9);
+  }
+  const auto refused = [&](const std::string& text, const std::string& rule) {
+    const auto lines = static_cast<long>(std::count(text.begin(), text.end(), '\n'));
+    expect_refused(start + text + "\nM2\n", rule, lines + 3);
+  };
+  refused("G41 G1 X-8", "not longer than the cutter's radius");
+  refused("G41 G1 X0\nX5\nX5 Y1\nX0", "does not reach the concave corner");
+  refused("G41 G1 X0\nG3 X2 Y2 R1.2", "too small to reach");
+  refused("G41 G1 X0\nG3 X3 Y3 J3\nG42", "on already");
+  refused("G41 G1 X0\nG3 X1 Y1 J1", "does not fit into the arc");
+  refused("G41 G1 X0\nX10\nG40 G2 X20 Y0 R10", "must be straight");
+  refused("G41 G1 X0\nG55", "while cutter compensation is on");
+  refused("G41 G1 X0\nG81 X1 Z1 R2", "while cutter compensation is on");
+  refused("G41 G1 X0\n#1=#5420", "not known while cutter compensation");
+  refused("G41 D3", "no diameter");
+  refused("G41 D1.5", "names a tool");
+  refused("G19 G41 D1", "G17 or G18");
+  refused("G42.1", "needs D");
 }
 
 // Radius and angle about the program's zero, absolute and added.
@@ -232,7 +274,8 @@ TEST(ProgramReader, HeidenhainSpeaksInMovesAndCycles) {
 }
 
 TEST(ProgramReader, HeidenhainTimesBlocks) {
-  const Reading r = read("0 BEGIN PGM A MM\n1 L X+1 F600\n2 L X+2 B+5 FT0.25\n3 L X+3\n4 END PGM A MM\n", ReaderDialect::kHeidenhain);
+  const Reading r =
+      read("0 BEGIN PGM A MM\n1 L X+1 F600\n2 L X+2 B+5 FT0.25\n3 L X+3\n4 END PGM A MM\n", ReaderDialect::kHeidenhain);
   ASSERT_FALSE(r.result.error) << r.result.error->rule;
   ASSERT_EQ(r.moves.size(), 3U);
   EXPECT_DOUBLE_EQ(r.moves[1].seconds, 0.25);
@@ -242,8 +285,10 @@ TEST(ProgramReader, HeidenhainTimesBlocks) {
 
 TEST(ProgramReader, HeidenhainSpeaksDinIsoToo) {
   const Reading r = read(
-      "%LENS G71 *\nN10 G30 G17 X-30 Y-30 Z-10 *\nN20 G31 G90 X+30 Y+30 Z+0 *\nN30 G247 Q339=+1 *\nN40 T3 G17 S20000 DL-2 *\n"
-      "N50 G00 G40 Z-1 M91 *\nN60 X+0 Y+0 M3 *\nN70 G04 F8 *\nN80 Z+30 *\nN90 G01 X+30 F1000 *\nN100 G03 X+0 Y+30 I+0 J+0 *\n"
+      "%LENS G71 *\nN10 G30 G17 X-30 Y-30 Z-10 *\nN20 G31 G90 X+30 Y+30 Z+0 *\nN30 G247 Q339=+1 *\nN40 T3 G17 S20000 "
+      "DL-2 *\n"
+      "N50 G00 G40 Z-1 M91 *\nN60 X+0 Y+0 M3 *\nN70 G04 F8 *\nN80 Z+30 *\nN90 G01 X+30 F1000 *\nN100 G03 X+0 Y+30 I+0 "
+      "J+0 *\n"
       "N110 G01 G91 X+1 *\nN120 G90 M126 *\nN130 G00 C-170 *\nN140 C+170 *\nN150 M128 *\nN160 G01 X+1 Y+2 Z+30 B+10 *\n"
       "N170 M129 *\nN180 G00 Z-1 M91 M5 *\nN190 ; the end\nN200 M30 *\nN99999999 %LENS G71 *\n",
       ReaderDialect::kHeidenhainIso);
@@ -279,8 +324,10 @@ TEST(ProgramReader, HeidenhainSpeaksDinIsoToo) {
 
 TEST(ProgramReader, SiemensSuppressesFramesAndTurnsTheShortWay) {
   const Reading r = read(
-      "; %_N_LENS_MPF\nG17 G40 G71 G90 G94\nG54\nSUPA G0 Z0 D0\nT3 M6\nS20000 M3\nG4 F8\nD1\nG0 X=10 Y2 Z30\nSUPA G0 Z-50\n"
-      "SUPA G0 Z-50 D0\nG0 C=DC(190)\nC=DC(10)\nC=AC(-20)\nC=IC(5)\nD1\nTRAORI\nG54\nORIWKS ORIAXES\nG1 X1 Y2 Z30 B10 F1200\n"
+      "; %_N_LENS_MPF\nG17 G40 G71 G90 G94\nG54\nSUPA G0 Z0 D0\nT3 M6\nS20000 M3\nG4 F8\nD1\nG0 X=10 Y2 Z30\nSUPA G0 "
+      "Z-50\n"
+      "SUPA G0 Z-50 D0\nG0 C=DC(190)\nC=DC(10)\nC=AC(-20)\nC=IC(5)\nD1\nTRAORI\nG54\nORIWKS ORIAXES\nG1 X1 Y2 Z30 B10 "
+      "F1200\n"
       "TRAFOOF\nG93 G1 X2 F60\nM5\nM30\n",
       ReaderDialect::kSiemens);
   ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
@@ -326,7 +373,7 @@ TEST(ProgramReader, RefusesWhatItCannotObeyWithLineAndRule) {
   expect_refused("M3 M4\nM2\n", "modal group", 1);
   expect_refused("O1\nG4 X-1.\nM30\n", "negative", 2, ReaderDialect::kFanuc);
   expect_refused("G90 G91\nM2\n", "modal group", 1);
-  expect_refused("G41 D1\nM2\n", "not known", 1);
+  expect_refused("G41.2 D1\nM2\n", "not known", 1);
   expect_refused("G43.4 H1\nM2\n", "not known", 1);
   expect_refused("M128\nM2\n", "not known", 1);
   expect_refused("G0 A1\nM2\n", "not known to this machine", 1);
@@ -358,10 +405,13 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       "7 CALL LBL 1 REP3\n8 M128\n9 L C+90 B-10\n10 M129\n11 CYCL DEF 7.0\n12 CYCL DEF 7.1 X+5\n13 CYCL DEF 247 "
       "~\nQ339=1\n14 END PGM A MM\n";
   const std::string iso =
-      "%A G71 *\nN1 G30 G17 X-1 Y-1 Z+0 *\nN2 T1 G17 S5000 DL-2 *\nN3 G247 Q339=+1 *\nN4 G62 T0.002 P01 0 P02 0.02 *\nN5 G01 X+1 "
-      "Y-2 F500 M3 *\nN6 G02 X-1 Y-2 I+0 J-2 *\nN7 M128 *\nN8 G01 C+90 B-10 *\nN9 M129 *\nN10 M30 *\nN99999999 %A G71 *\n";
+      "%A G71 *\nN1 G30 G17 X-1 Y-1 Z+0 *\nN2 T1 G17 S5000 DL-2 *\nN3 G247 Q339=+1 *\nN4 G62 T0.002 P01 0 P02 0.02 "
+      "*\nN5 G01 X+1 "
+      "Y-2 F500 M3 *\nN6 G02 X-1 Y-2 I+0 J-2 *\nN7 M128 *\nN8 G01 C+90 B-10 *\nN9 M129 *\nN10 M30 *\nN99999999 %A G71 "
+      "*\n";
   const std::string siemens =
-      "; %_N_A_MPF\nTRAFOOF\nG17 G40 G71 G90 G94 G54\nSUPA G0 Z0 D0\nT1 M6\nS5000 M3\nCYCLE832(0.002,_ORI_FINISH,0.02)\nD1\nG1 X=1 "
+      "; %_N_A_MPF\nTRAFOOF\nG17 G40 G71 G90 G94 G54\nSUPA G0 Z0 D0\nT1 M6\nS5000 "
+      "M3\nCYCLE832(0.002,_ORI_FINISH,0.02)\nD1\nG1 X=1 "
       "Y2 F500\nG2 X3 I1 J0\nTRAORI\nORIWKS ORIAXES\nG1 B10 C=DC(20)\nTRAFOOF\nG93 X1 F10\nM30\n";
   std::mt19937 random(7);
   const std::string letters = "GMXYZBCFIJKLOPQRST#[]<>()%/*+-.=0123456789 \n\t";

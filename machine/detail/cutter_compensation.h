@@ -1,0 +1,79 @@
+// Cutter radius compensation (G41, G42) as LinuxCNC does it: the contour as programmed in, the path of the cutter's
+// centre out.
+#pragma once
+
+#include <optional>
+
+#include "machine/detail/reader_core.h"
+
+namespace lightmill::detail {
+
+/// A move of the contour, in program coordinates.
+struct ContourMove {
+  struct Arc {
+    double u, v;      ///< centre
+    double turn_rad;  ///< its sign is the sense from u to v
+  };
+  AxisValues to{};
+  bool rapid = false;
+  double feed_per_min = 0;
+  std::optional<Arc> arc;
+};
+
+/// One move is held back, because a concave corner to the next shortens it; what the program says meanwhile waits
+/// behind it.
+class CutterCompensation {
+ public:
+  explicit CutterCompensation(ReaderCore& core) : core_(core) {}
+
+  /// From here on the centre keeps `radius_mm` to the left (side 1) or right (-1) of the contour in the plane u, v.
+  void start(int side, double radius_mm, int u, int v, const AxisValues& from);
+  /// Lets go what was held back. The machine stands beside programmed() by the radius.
+  void stop();
+  [[nodiscard]] bool on() const { return side_ != 0; }
+  [[nodiscard]] bool entered() const { return on() && !entering_; }
+  [[nodiscard]] int side() const { return side_; }
+  [[nodiscard]] double radius_mm() const { return radius_; }
+
+  /// The contour's last point, and the centre's place beside it.
+  [[nodiscard]] const AxisValues& programmed() const { return programmed_; }
+  [[nodiscard]] const AxisValues& centre() const { return centre_; }
+
+  void move(const ContourMove& move);
+  void say(ProgramStep::Kind kind, int number, double value);
+  void flush();
+
+ private:
+  struct Point {
+    double u, v;
+  };
+  struct Held {
+    bool moves = true;
+    ContourMove move;      ///< of the centre; its arc's turn gives the sense only
+    double sweep_rad = 0;  ///< of the programmed arc
+    int extra_turns = 0;
+    Point direction{};  ///< of the programmed line
+    bool entry = false;
+    long line = 0;
+    ProgramStep::Kind kind{};
+    int number = 0;
+    double value = 0;
+  };
+  [[nodiscard]] Point in_plane(const AxisValues& p) const { return {p[u_], p[v_]}; }
+  void enter(const ContourMove& move, Held next);
+  void turn_corner(const ContourMove& move, const Held& next);
+  [[nodiscard]] Point trimmed(const Held& before, const Held& next, Point corner, Point ahead) const;
+  void end_at(Point p);
+  void hold(Held next);
+
+  ReaderCore& core_;
+  int side_ = 0;
+  double radius_ = 0;
+  std::size_t u_ = 0, v_ = 1;
+  bool entering_ = false;
+  AxisValues programmed_{}, centre_{};
+  std::optional<Point> from_;  ///< where the move held back begins
+  std::vector<Held> held_;
+};
+
+}  // namespace lightmill::detail
