@@ -36,7 +36,7 @@ std::vector<double> stretches(const std::vector<OneRing>& rings, const std::vect
     std::nth_element(around.begin(), middle, around.end());
     result[v] = std::max(mean, *middle);
   }
-  return result;
+  return without_narrow_peaks(std::move(result), [&](std::size_t v) -> const std::vector<int>& { return rings[v].neighbours; });
 }
 
 }  // namespace

@@ -16,7 +16,22 @@ namespace lightmill::detail {
 /// Neighbours whose targets are farther apart than this many times the stretch of the map around them are torn apart.
 /// (Between the brightest and the darkest parts of a photo, neighbouring cells stretch by 2 or 3 times as much as one
 /// another.)
-inline constexpr double kTear = 5;
+inline constexpr double kTear = 3.5;
+
+/// `values` on the nodes of a graph, without what is high only in bands of at most four nodes: the least of two rings around,
+/// then the greatest of two. Light that parts around something dark leaves it a strip of the lens that narrow, across which the
+/// map stretches: that stretch is the crease's, not that of the map around it.
+template <typename NeighboursOf>
+std::vector<double> without_narrow_peaks(std::vector<double> values, const NeighboursOf& neighbours_of) {
+  constexpr int kRings = 2;
+  for (int ring = 0; ring < 2 * kRings; ++ring) {
+    const std::vector<double> before = values;
+    for (std::size_t v = 0; v < values.size(); ++v) {
+      for (int n : neighbours_of(v)) values[v] = ring < kRings ? std::min(values[v], before[n]) : std::max(values[v], before[n]);
+    }
+  }
+  return values;
+}
 
 struct Creases {
   /// Torn edges, by key(a, b) with a < b: how much of the way from a to b is on a's side.

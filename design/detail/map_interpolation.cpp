@@ -67,8 +67,7 @@ std::vector<double> cell_sizes(const std::vector<Vec2>& sites, const std::vector
 }  // namespace
 
 bool MapInterpolation::same_branch(const Site& a, const Site& b) const {
-  const double stretch = std::max({a.stretch, b.stretch, mean_stretch_});
-  return (a.target_mm - b.target_mm).norm() <= kTear * stretch * (a.place_mm - b.place_mm).norm();
+  return (a.target_mm - b.target_mm).norm() <= kTear * std::max(a.stretch, b.stretch) * (a.place_mm - b.place_mm).norm();
 }
 
 MapInterpolation::MapInterpolation(const TransportMap& map, const SourceLight& source) {
@@ -86,7 +85,7 @@ MapInterpolation::MapInterpolation(const TransportMap& map, const SourceLight& s
     sites_.push_back({places.back(), targets.back(), potential + targets.back().dot(places.back() - site)});
   }
   if (places.size() < 3) throw InputError("surface: a transport map of fewer than three cells cannot be interpolated");
-  mean_stretch_ = target_box.size().maxCoeff() / source.size_mm.maxCoeff();
+  const double mean_stretch = target_box.size().maxCoeff() / source.size_mm.maxCoeff();
 
   // Centroids of border cells lie half a cell inside the border. Each is mirrored in the border, and its target is
   // carried on as it runs towards the border: by the smaller of two steps inside, so that a crease near the border is
@@ -137,6 +136,7 @@ MapInterpolation::MapInterpolation(const TransportMap& map, const SourceLight& s
 
   neighbours_ = std::make_unique<NaturalNeighbours>(places);
   const auto adjacent = neighbours_->adjacent();
+  std::vector<double> site_stretches(sites_.size(), mean_stretch);
   std::vector<double> stretches;
   for (std::size_t s = 0; s < sites_.size(); ++s) {
     stretches.clear();
@@ -148,8 +148,11 @@ MapInterpolation::MapInterpolation(const TransportMap& map, const SourceLight& s
     // A crease beside the site takes at most about half of its neighbours away.
     const std::size_t rank = (stretches.size() - 1) * 2 / 5;
     std::nth_element(stretches.begin(), stretches.begin() + static_cast<std::ptrdiff_t>(rank), stretches.end());
-    sites_[s].stretch = stretches[rank];
+    site_stretches[s] = std::max(mean_stretch, stretches[rank]);
   }
+  site_stretches =
+      without_narrow_peaks(std::move(site_stretches), [&](std::size_t s) -> const std::vector<int>& { return adjacent[s]; });
+  for (std::size_t s = 0; s < sites_.size(); ++s) sites_[s].stretch = site_stretches[s];
   for (std::size_t s = 0; s < sites_.size(); ++s) {
     constexpr double kRidge = 0.05;  // where neighbours lie in a row the map is not known across it
     Eigen::Matrix2d spread = Eigen::Matrix2d::Zero();

@@ -30,7 +30,6 @@ class MapInterpolation {
 
   std::vector<Site> sites_;
   std::unique_ptr<NaturalNeighbours> neighbours_;
-  double mean_stretch_ = 1;
 };
 
 }  // namespace lightmill::detail
