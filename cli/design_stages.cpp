@@ -95,9 +95,11 @@ double write_target_pictures(const Job& job, const RunFolder& folder, const Targ
 
 /// The filter on the lens's back and the light through it, if the target has colours; returns the files.
 std::vector<std::string> write_color_mask(const Job& job, const RunFolder& folder, const Scene& scene, const SurfaceMesh& mesh,
-                                          const std::vector<RayEnds>& ends, const Caustic& caustic, double white) {
-  const auto colours = target_colours(job.target);
+                                          const std::vector<RayEnds>& ends, const TargetLight& target, const Caustic& caustic,
+                                          double white) {
+  auto colours = target_colours(job.target);
   if (!colours) return {};
+  clear_for_curves(*colours, target);
   constexpr double kInch = 25.4;
   const Box2 film = Box2::centred(scene.lens.size_mm + 2 * Vec2(kMaskMargin_mm, kMaskMargin_mm));
   write_mask_png(folder.file("design/color_mask.png"), colour_mask(mesh, ends, *colours, film, kMaskDotsPerInch / kInch));
@@ -227,7 +229,7 @@ StageResult run_surface(const Job& job, const RunFolder& folder, const Monitor& 
   write_curvature_picture(folder.file("design/curvature.png"), surface.mesh, extent);
   const std::vector<RayEnds> ends = ray_ends(surface.mesh, scene.lens, scene.light, job.receiver);
   write_checkerboard_picture(folder.file("design/checkerboard.png"), surface.mesh, ends, extent, target.extent);
-  const std::vector<std::string> mask_files = write_color_mask(job, folder, scene, surface.mesh, ends, caustic, white);
+  const std::vector<std::string> mask_files = write_color_mask(job, folder, scene, surface.mesh, ends, target, caustic, white);
 
   const SurfaceSummary& s = surface.summary;
   StageResult result;

@@ -51,6 +51,37 @@ std::optional<ColourGrid> target_colours(const TargetSpec& spec) {
                     as_seen(picture.green, spec.viewed_from), as_seen(picture.blue, spec.viewed_from)};
 }
 
+void clear_for_curves(ColourGrid& colours, const TargetLight& target) {
+  if (target.curves.empty() && target.points.empty()) return;
+  constexpr double kDark = 0.05;      // linear; darker colours of a photo are noise more than colour
+  constexpr double kBeside_mm = 1.0;  // that the light of a curve spreads
+  const int width = colours.red.width;
+  const int height = colours.red.height;
+  TargetLight singular = target;
+  singular.extent = colours.extent;
+  singular.area_flux = {};
+  singular.area_borders.clear();
+  const Grid<double> lit = rasterise(singular, width, height);
+  const Vec2 pixel = colours.extent.size().cwiseQuotient(Vec2(width, height));
+  const int reach_x = static_cast<int>(std::lround(kBeside_mm / pixel.x()));
+  const int reach_y = static_cast<int>(std::lround(kBeside_mm / pixel.y()));
+  std::vector<char> near(lit.values.size(), 0);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      if (!(lit.at(x, y) > 0)) continue;
+      for (int j = std::max(0, y - reach_y); j <= std::min(height - 1, y + reach_y); ++j) {
+        for (int i = std::max(0, x - reach_x); i <= std::min(width - 1, x + reach_x); ++i) near[lit.index(i, j)] = 1;
+      }
+    }
+  }
+  for (std::size_t k = 0; k < near.size(); ++k) {
+    const float brightest = std::max({colours.red.values[k], colours.green.values[k], colours.blue.values[k]});
+    const float lift = static_cast<float>(kDark) - brightest;
+    if (!near[k] || lift <= 0) continue;
+    for (Grid<float>* channel : {&colours.red, &colours.green, &colours.blue}) channel->values[k] += lift;
+  }
+}
+
 Vec3 filter_of(const Vec3& colour) {
   const double brightest = colour.maxCoeff();
   return brightest > 0 ? Vec3(colour / brightest) : Vec3::Zero();

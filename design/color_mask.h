@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "design/beams.h"
+#include "design/target.h"
 
 namespace lightmill {
 
@@ -17,6 +18,10 @@ struct ColourGrid {
 
 /// The colours of the target's picture on the receiver; empty when it is gray, or there is none.
 std::optional<ColourGrid> target_colours(const TargetSpec& spec);
+
+/// Curves and points that shine on a dark place of the picture would go out behind the filter's black: dark colours on them and
+/// up to a millimetre beside are lifted towards white, so that the filter is clear there.
+void clear_for_curves(ColourGrid& colours, const TargetLight& target);
 
 /// What a filter for this colour passes of red, green and blue: as much as it can, so that one channel passes whole.
 /// Black passes nothing: no light shall go there.

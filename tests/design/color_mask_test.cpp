@@ -93,6 +93,37 @@ TEST(ColourMask, StopsLightThatLandsBesideThePictureOrInItsBlack) {
   EXPECT_EQ(mask.red.at(59, 20), 0);
 }
 
+TEST(ColourMask, IsClearWhereCurvesAndPointsShineOnTheDark) {
+  // Left half black, right half red; a curve across both and a point in the black.
+  constexpr int kPixels = 80;  // of half a millimetre
+  ColourGrid colours{Box2::centred({40, 40}), Grid<float>(kPixels, kPixels), Grid<float>(kPixels, kPixels),
+                     Grid<float>(kPixels, kPixels)};
+  for (int j = 0; j < kPixels; ++j) {
+    for (int i = kPixels / 2; i < kPixels; ++i) colours.red.at(i, j) = 0.8F;
+  }
+  TargetLight target;
+  target.extent = colours.extent;
+  target.area_flux = Grid<double>(1, 1, 0.5);
+  target.curves.push_back({{{-15, 5.2}, {15, 5.2}}, {0.01, 0.01}});
+  target.points.push_back({{-8.2, -9.7}, 0.2});
+  clear_for_curves(colours, target);
+  for (int j = 0; j < kPixels; ++j) {
+    for (int i = 0; i < kPixels; ++i) {
+      const Vec2 p(-20 + (i + 0.5) / 2, -20 + (j + 0.5) / 2);
+      const double from_curve = std::hypot(std::max(0.0, std::abs(p.x()) - 15), p.y() - 5.2);
+      const double nearest = std::min(from_curve, (p - Vec2(-8.2, -9.7)).norm());
+      const Vec3 filter = filter_of({colours.red.at(i, j), colours.green.at(i, j), colours.blue.at(i, j)});
+      if (p.x() > 0) {
+        EXPECT_EQ(filter, Vec3(1, 0, 0)) << p.transpose();
+      } else if (nearest < 0.7) {
+        EXPECT_EQ(filter, Vec3::Ones()) << p.transpose();
+      } else if (nearest > 2.2) {
+        EXPECT_EQ(filter, Vec3::Zero()) << p.transpose();
+      }
+    }
+  }
+}
+
 TEST(ColourMask, TakesColoursAsTheReaderSeesThem) {
   const auto file = std::filesystem::temp_directory_path() /
                     ("colours_" + std::to_string(::testing::UnitTest::GetInstance()->random_seed()) + "_mask.png");
