@@ -10,6 +10,7 @@ namespace {
 constexpr double kChordError_mm = 1e-4;
 constexpr double kTipError_mm = 5e-5;
 constexpr int kMostChords = 100000;
+constexpr int kMostHalvings = 24;
 }  // namespace
 
 bool read_digits(const char*& at, const char* end, double& value, bool* has_point) {
@@ -151,6 +152,57 @@ void ReaderCore::arc(const AxisValues& to, int u, int v, double cu, double cv, d
       p[v] = cv + radius * std::sin(a0 + t * turn);
     }
     pass(p, false, seconds / count, n == count);
+  }
+}
+
+void ReaderCore::curve(const AxisValues& to, int spans, const std::function<AxisValues(double)>& point,
+                       double feed_per_min, bool inverse_time) {
+  const auto way = [](const AxisValues& a, const AxisValues& b) {
+    return std::hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2]);
+  };
+  const auto between = [](const AxisValues& a, const AxisValues& b, double t) {
+    AxisValues p = a;
+    for (std::size_t i = 0; i < 5; ++i) p[i] += t * (b[i] - a[i]);
+    return p;
+  };
+  std::vector<AxisValues> chords;
+  // Halves a piece until the curve is within the tolerance of its chord, in place and not only in shape.
+  const auto halve = [&](auto& self, double t0, const AxisValues& a, double t1, const AxisValues& b, int depth) -> void {
+    double off = 0;
+    for (const double s : {0.25, 0.5, 0.75}) {
+      const AxisValues p = point(t0 + s * (t1 - t0));
+      double along = 0, square = 0;
+      for (std::size_t i = 0; i < 3; ++i) {
+        along += (p[i] - a[i]) * (b[i] - a[i]);
+        square += (b[i] - a[i]) * (b[i] - a[i]);
+      }
+      off = std::max(off, way(p, between(a, b, square > 0 ? std::clamp(along / square, 0.0, 1.0) : 0)));
+    }
+    if (depth == 0 || off > kChordError_mm) {
+      if (depth >= kMostHalvings || chords.size() > kMostChords) reject(1, "the spline is too long");
+      const double middle = (t0 + t1) / 2;
+      const AxisValues p = point(middle);
+      self(self, t0, a, middle, p, depth + 1);
+      return self(self, middle, p, t1, b, depth + 1);
+    }
+    chords.push_back(b);
+  };
+  AxisValues from = here_;
+  for (int i = 0; i < spans; ++i) {
+    const AxisValues end = i + 1 == spans ? to : point(i + 1);
+    halve(halve, i, from, i + 1, end, 0);
+    from = end;
+  }
+  double length = 0;
+  from = here_;
+  for (const AxisValues& p : chords) {
+    length += way(from, p);
+    from = p;
+  }
+  const double seconds = inverse_time ? 60 / feed_per_min : length * 60 / feed_per_min;
+  for (std::size_t i = 0; i < chords.size(); ++i) {
+    const double share = length > 0 ? way(here_, chords[i]) / length : 1.0 / static_cast<double>(chords.size());
+    pass(chords[i], false, seconds * share, i + 1 == chords.size());
   }
 }
 

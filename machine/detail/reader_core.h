@@ -47,6 +47,9 @@ class ReaderCore {
   /// An arc to `to` about `centre` (in the plane's axes u, v), turning by `turn_rad` (its sign is the sense from u to
   /// v).
   void arc(const AxisValues& to, int u, int v, double centre_u, double centre_v, double turn_rad, double seconds);
+  /// Along point(t), t from 0 to `spans`, smooth between whole numbers; at this feed, or in 1 / feed minutes.
+  void curve(const AxisValues& to, int spans, const std::function<AxisValues(double)>& point, double feed_per_min,
+             bool inverse_time);
   void say(ProgramStep::Kind kind, int number = 0, double value = 0);
 
   // Changing any of these leaves the machine where it is and renews here().

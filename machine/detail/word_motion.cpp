@@ -3,11 +3,6 @@
 
 namespace lightmill::detail {
 
-namespace {
-// The plane's axes in the order of a right-handed turn, and the axis across: G17, G18, G19.
-constexpr int kPlanes[3][3] = {{0, 1, 2}, {2, 0, 1}, {1, 2, 0}};
-}  // namespace
-
 void WordReader::renew_offset() {
   AxisValues sum = offsets_[offset_];
   for (std::size_t i = 0; i < 5; ++i) sum[i] += shift_[i];
@@ -57,7 +52,7 @@ void WordReader::set_compensation(int tenths) {
   compensation_.start(side, std::abs(diameter) / 2, kPlanes[plane_][0], kPlanes[plane_][1], from);
 }
 
-/// G43, G43.1, G43.4, G49; true if the axis words are its own.
+/// G43, G43.1, G43.2, G43.4, G49; true if the axis words are its own.
 bool WordReader::set_length(int tenths) {
   if (tenths == 490) {
     core_.set_tcp(false);
@@ -71,10 +66,11 @@ bool WordReader::set_length(int tenths) {
   double h = tool_;
   if (has('H'))
     h = use('H');
-  else if (fanuc_)
+  else if (fanuc_ || tenths == 432)
     reject(1, "G43 needs H");
   if (h != std::floor(h) || h < 0 || h > 99999) reject(column_of('H'), "H names a tool");
-  core_.set_length(core_.tool_length(static_cast<int>(h), column_of('H')));
+  const double length = core_.tool_length(static_cast<int>(h), column_of('H'));
+  core_.set_length(tenths == 432 ? core_.length_mm() + length : length);
   if (tenths == 434) core_.set_tcp(true);
   return false;
 }
@@ -87,7 +83,15 @@ bool WordReader::shift(int tenths) {
       return true;
     case 280:
     case 300:
-      reference();
+      reference(references_[tenths == 300]);
+      return true;
+    case 281:
+    case 301:
+      references_[tenths == 301] = core_.joints();
+      return false;
+    case 520:
+      for (const int axis : taken_axes()) shift_[static_cast<std::size_t>(axis)] = target_value(axis);
+      renew_offset();
       return true;
     case 920:
       for (const int axis : taken_axes()) {
@@ -154,8 +158,8 @@ void WordReader::set_data() {
   renew_offset();
 }
 
-/// G28, G30: through the point named to the machine's zero.
-void WordReader::reference() {
+/// G28, G30: through the point named to the reference point.
+void WordReader::reference(const AxisValues& point) {
   const auto axes = taken_axes();
   if (core_.tcp()) reject(1, "reference move while tool-centre-point control is on");
   AxisValues via = place();
@@ -168,7 +172,7 @@ void WordReader::reference() {
   AxisValues home = core_.joints();
   for (int axis = 0; axis < 5; ++axis) {
     if (axes.empty() || std::find(axes.begin(), axes.end(), axis) != axes.end())
-      home[static_cast<std::size_t>(axis)] = 0;
+      home[static_cast<std::size_t>(axis)] = point[static_cast<std::size_t>(axis)];
   }
   core_.move_joints(home, true, 0);
 }
@@ -177,13 +181,15 @@ void WordReader::move(bool machine_coordinates, bool feed_here) {
   AxisValues to = place();
   const std::uint32_t named = words_ & axis_letters_;
   if (machine_coordinates) {
-    if (motion_ > 1) reject(1, "G53 needs G0 or G1");
+    if (motion_ > 10) reject(1, "G53 needs G0 or G1");
     if (compensation_.on()) reject(1, "G53 while cutter compensation is on");
     to = core_.joints();
     for (std::size_t i = 0; i < 3; ++i) to[i] += lead_[i];
   }
-  if (motion_ >= 81) return drill();
+  if (motion_ >= 730 && motion_ != 800) return drill();
   last_cycle_ = -1;
+  if (motion_ == 50 || motion_ == 51) return bezier(motion_ == 50, feed_here);
+  if (motion_ >= 382 && motion_ <= 385) return probe();
   if (polar()) {
     if (machine_coordinates) reject(polar_column_, "polar words name no machine coordinates");
     const auto [x, y] = polar_end();
@@ -195,12 +201,12 @@ void WordReader::move(bool machine_coordinates, bool feed_here) {
     to[static_cast<std::size_t>(axis)] =
         incremental_ && !machine_coordinates ? to[static_cast<std::size_t>(axis)] + v : v;
   }
-  if (motion_ == 80) reject(1, "axis words while motion is cancelled");
+  if (motion_ < 0 || motion_ == 800) reject(1, "axis words while motion is cancelled");
   if (motion_ != 0) {
     if (inverse_time_ && !feed_here) reject(1, "F is missing in a block with inverse-time feed");
     if (feed_ == 0) reject(1, "feed not given or zero");
   }
-  if (motion_ <= 1) {
+  if (motion_ <= 10) {
     if (machine_coordinates) {
       const double seconds = motion_ == 0 ? 0 : inverse_time_ ? 60 / feed_ : core_.seconds_at(to, feed_);
       lead_ = {};
@@ -228,7 +234,7 @@ void WordReader::arc(const AxisValues& to, std::uint32_t named) {
   if (arc_refused_) reject(1, "the move after G40 must be straight");
   const int u = kPlanes[plane_][0], v = kPlanes[plane_][1], w = kPlanes[plane_][2];
   const AxisValues from = place();
-  const bool clockwise = motion_ == 2;
+  const bool clockwise = motion_ == 20;
   double cu = 0, cv = 0, extra_turns = 0;
   if (has('P')) {
     extra_turns = use('P') - 1;

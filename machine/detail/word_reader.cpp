@@ -3,6 +3,12 @@
 
 namespace lightmill::detail {
 
+namespace {
+std::string code_name(int tenths) {
+  return std::to_string(tenths / 10) + (tenths % 10 != 0 ? "." + std::to_string(tenths % 10) : "");
+}
+}  // namespace
+
 WordReader::WordReader(std::string_view text, bool fanuc, ReaderCore& core)
     : fanuc_(fanuc), core_(core), lines_(split_lines(text)), compensation_(core) {
   for (const char letter : {'X', 'Y', 'Z', 'A', 'B', 'C'}) {
@@ -105,12 +111,6 @@ void WordReader::read_block(std::string_view line) {
   }
 }
 
-namespace {
-std::string code_name(int tenths) {
-  return std::to_string(tenths / 10) + (tenths % 10 != 0 ? "." + std::to_string(tenths % 10) : "");
-}
-}  // namespace
-
 void WordReader::read_word(std::uint32_t& groups) {
   const int where = column();
   if (*p_ == '#' && !fanuc_) {
@@ -142,6 +142,8 @@ void WordReader::read_word(std::uint32_t& groups) {
     if (!(rounded >= 0 && rounded < 10000) || std::abs(v * 10 - rounded) > 1e-6) reject(where, "unknown code");
     const int tenths = static_cast<int>(rounded);
     const int group = letter == 'G' ? g_group(tenths) : m_group(tenths);
+    if (letter == 'G' && !fanuc_ && (tenths == 330 || tenths == 331 || tenths == 760 || tenths == 950))
+      reject(where, "G" + code_name(tenths) + " waits for a spindle encoder, which this machine has not");
     if (group < 0) {
       reject(where, letter + code_name(tenths) + " is not known to this control");
     }
@@ -152,7 +154,7 @@ void WordReader::read_word(std::uint32_t& groups) {
     return;
   }
   const bool axis = (axis_letters_ & bit(letter)) != 0;
-  if (!axis && std::string_view("DFHIJKLPQRST").find(letter) == std::string_view::npos) {
+  if (!axis && std::string_view("DEFHIJKLPQRST").find(letter) == std::string_view::npos) {
     reject(where, std::string("word ") + letter + " is not known to this machine");
   }
   if (fanuc_ && axis && !point_ && v != 0) reject(where, "a coordinate needs a decimal point");
@@ -176,6 +178,20 @@ int WordReader::g_group(int tenths) const {
     case 850:
     case 890:
       return 1;
+    case 50:
+    case 52:
+    case 53:
+    case 382:
+    case 383:
+    case 384:
+    case 385:
+    case 730:
+    case 740:
+    case 840:
+    case 860:
+    case 870:
+    case 880:
+      return fanuc_ ? -1 : 1;
     case 170:
     case 180:
     case 190:
@@ -236,8 +252,18 @@ int WordReader::g_group(int tenths) const {
     case 922:
     case 923:
       return fanuc_ ? -1 : 0;
+    case 281:
+    case 301:
+    case 520:
+      return fanuc_ ? -1 : 0;
     case 51:
-      return fanuc_ ? 0 : -1;
+      return fanuc_ ? 0 : 1;
+    case 432:
+      return fanuc_ ? -1 : 8;
+    case 80:
+      return fanuc_ ? -1 : 15;  // the diameters of lathes are not for this machine: G7 is refused
+    case 970:
+      return fanuc_ ? -1 : 14;
     default:
       return -1;
   }
@@ -265,7 +291,19 @@ int WordReader::m_group(int tenths) const {
       return 8;
     case 48:
     case 49:
+    case 50:
+    case 51:
+    case 52:
+    case 53:
       return fanuc_ ? -1 : 9;
+    case 62:
+    case 63:
+    case 64:
+    case 65:
+    case 66:
+    case 67:
+    case 68:
+      return fanuc_ ? -1 : 5;
     case 70:
     case 71:
     case 72:
@@ -289,7 +327,7 @@ void WordReader::take_g(const Code& g, Request& request) {
       request.shot = g.tenths;
       break;
     case 1:
-      request.motion = code;
+      request.motion = g.tenths;
       break;
     case 2:
       plane_ = code - 17;
@@ -347,9 +385,11 @@ void WordReader::take_m(int code, Request& request) {
     request.tcp = code == 428;
   else if (code >= 70 && code <= 73)
     request.keep = code;
+  else if (code >= 50)
+    request.signal = code;
 }
 
-bool WordReader::set_feed(int feed_mode) {
+bool WordReader::set_feed(int feed_mode, double unit) {
   if (feed_mode >= 0) {
     if ((feed_mode == 93) != inverse_time_) feed_ = 0;
     inverse_time_ = feed_mode == 93;
@@ -357,7 +397,7 @@ bool WordReader::set_feed(int feed_mode) {
   if (!has('F')) return false;
   const double f = use('F');
   if (f < 0) reject(column_of('F'), "negative feed");
-  feed_ = inverse_time_ ? f : f * unit_;
+  feed_ = inverse_time_ ? f : f * unit;
   return true;
 }
 
@@ -395,16 +435,18 @@ void WordReader::dwell() {
 /// What LinuxCNC does not take while cutter compensation is on.
 void WordReader::refuse_beside_compensation(const Code& code) {
   if (!compensation_.on()) return;
-  const bool refused = code.letter == 'G'
-                           ? code.group == 8 || code.group == 10 || code.group == 12 || code.group == 13 ||
-                                 (code.group == 0 && code.tenths > 40 && code.tenths != 100 && code.tenths < 921) ||
-                                 (code.group == 2 && code.tenths / 10 - 17 != plane_)
-                           : code.group == 6 || code.group == 9 || code.group == 10;
+  const bool refused =
+      code.letter == 'G'
+          ? code.group == 8 || code.group == 10 || code.group == 12 || code.group == 13 ||
+                (code.group == 0 && code.tenths > 40 && code.tenths != 100 && code.tenths < 921) ||
+                (code.group == 2 && code.tenths / 10 - 17 != plane_)
+          : code.group == 6 || code.group == 9 || code.group == 10 || (code.group == 5 && code.tenths < 700);
   if (refused) reject(1, std::string(1, code.letter) + code_name(code.tenths) + " while cutter compensation is on");
 }
 
 void WordReader::perform() {
   Request request;
+  const double unit = unit_;
   for (const Code& code : codes_) {
     refuse_beside_compensation(code);
     if (code.letter == 'G')
@@ -412,8 +454,9 @@ void WordReader::perform() {
     else
       take_m(code.tenths / 10, request);
   }
-  const bool feed_here = set_feed(request.feed_mode);
+  const bool feed_here = set_feed(request.feed_mode, fanuc_ ? unit_ : unit /* LinuxCNC takes F before G20 and G21 */);
   set_speed_and_tool(request);
+  if (request.signal >= 0) signal(request.signal);
   if (request.coolant >= 0) tell(ProgramStep::kCoolant, request.coolant);
   if (request.shot == 40) dwell();
   if (request.shot == 51) {
@@ -430,11 +473,20 @@ void WordReader::perform() {
   if (request.tcp >= 0) core_.set_tcp(request.tcp == 1);
   axes_taken |= shift(request.shot);
 
+  const bool other = request.motion >= 0 && request.motion != motion_;
+  if (motion_ == 52 && other && request.motion != 53) reject(1, "only G5.2 may stand between G5.2 and G5.3");
+  if (request.motion == 53) {
+    end_spline(motion_ == 52);
+    request.motion = motion_ = -1;
+  }
   if (request.motion >= 0) motion_ = request.motion;
+  if (motion_ == 800) last_cycle_ = -1;
   const bool axes = (words_ & axis_letters_) != 0 || polar();
-  if (request.motion == 80) {
+  if (motion_ == 52) {
+    if (axes || request.motion == 52) add_control_point(other, feed_here);
+  } else if (request.motion == 800) {
     if (axes) reject(1, "axis words while motion is cancelled");
-  } else if (axes || request.motion >= 2) {
+  } else if (axes || request.motion >= 20) {
     if (axes_taken) reject(1, "two codes want the axis words");
     move(request.shot == 530, feed_here);
   }

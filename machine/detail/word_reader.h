@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "machine/detail/cutter_compensation.h"
+#include "machine/detail/splines.h"
 
 namespace lightmill::detail {
 
@@ -16,6 +17,9 @@ inline std::size_t index_of(char letter) {
 constexpr std::uint32_t bit(char letter) {
   return 1U << (letter - 'A');
 }
+
+/// The plane's axes in the order of a right-handed turn, and the axis across: G17, G18, G19.
+inline constexpr int kPlanes[3][3] = {{0, 1, 2}, {2, 0, 1}, {1, 2, 0}};
 
 class WordReader {
  public:
@@ -83,7 +87,7 @@ class WordReader {
   /// What a block's codes ask for; -1: nothing of the kind.
   struct Request {
     int motion = -1, compensation = -1, length = -1, shot = -1, offset = -1, feed_mode = -1, stop = -1, spindle = -1,
-        coolant = -1, tcp = -1, keep = -1;
+        coolant = -1, tcp = -1, keep = -1, signal = -1;
     bool change = false;
   };
   void read_block(std::string_view line);
@@ -105,7 +109,7 @@ class WordReader {
   [[nodiscard]] int column_of(char letter) const { return word_columns_[index_of(letter)]; }
   [[nodiscard]] double scale(int axis) const { return axis < 3 ? unit_ : kRadPerDegree; }
   void perform();
-  bool set_feed(int feed_mode);
+  bool set_feed(int feed_mode, double unit);
   void set_speed_and_tool(Request& request);
   void refuse_beside_compensation(const Code& code);
   /// Behind the move that cutter compensation holds back.
@@ -130,13 +134,32 @@ class WordReader {
   [[nodiscard]] bool polar() const { return polar_radius_ || polar_angle_; }
   std::pair<double, double> polar_end();
   void set_data();
-  void reference();
+  void reference(const AxisValues& home);
   void move(bool machine_coordinates, bool feed_here);
   void straight(const AxisValues& to);
   void arc(const AxisValues& to, std::uint32_t named);
 
   // --- Canned cycles: word_cycles.cpp ---
+  /// The sticky words of a cycle.
+  struct Cycle {
+    double level = 0;  ///< across the plane where the first of these cycles was called
+    std::optional<double> r, depth, dwell_s, peck, i, j, k;
+  };
+  void read_cycle(double height);
   void drill();
+  void make_hole(AxisValues& at, double r, double bottom, double clear);
+
+  // --- Splines: word_splines.cpp ---
+  AxisValues spline_end();
+  void refuse_spline_modes(bool feed_here) const;
+  void bezier(bool cubic, bool feed_here);
+  void add_control_point(bool fresh, bool feed_here);
+  void end_spline(bool after_points);
+  void follow_spline(const std::vector<ControlPoint>& points, int order, const AxisValues& to);
+
+  // --- Probing, inputs and outputs: word_signals.cpp ---
+  void probe();
+  void signal(int code);
 
   bool fanuc_;
   ReaderCore& core_;
@@ -163,7 +186,11 @@ class WordReader {
   double unit_ = 1, feed_ = 0, rpm_ = 0;
   bool incremental_ = false, centre_absolute_ = false, inverse_time_ = false, to_r_level_ = false;
   int motion_ = 0, plane_ = 0, spindle_ = 5, tool_ = 0, selected_ = 0, last_cycle_ = -1;
-  double cycle_level_ = 0, cycle_r_ = 0, cycle_z_ = 0, cycle_q_ = 0;
+  Cycle cycle_;
+  std::vector<ControlPoint> control_points_;
+  int spline_order_ = 3;
+  std::array<double, 2> spline_direction_{};  ///< in which the next G5 without I and J begins
+  std::array<AxisValues, 2> references_{};    ///< of G28 and G30
   std::size_t offset_ = 0;
   std::array<AxisValues, 9> offsets_{};
   AxisValues shift_{}, kept_shift_{};

@@ -17,7 +17,7 @@ std::vector<Vec3> ends(const std::vector<test::CanonMove>& moves) {
   std::vector<Vec3> points;
   Vec3 at = Vec3::Zero();
   for (const test::CanonMove& move : moves) {
-    if ((move.to - at).norm() > 5e-3) points.push_back(at = move.to);
+    if (!((move.to - at).norm() <= 5e-3)) points.push_back(at = move.to);
   }
   return points;
 }
@@ -47,11 +47,11 @@ const Sample kSamples[] = {{"3D_Chips.ngc", nullptr},
                            {"comp311.ngc", nullptr},
                            {"cone.ngc", "word W is not known"},
                            {"daisy.ngc", "word A is not known"},
-                           {"gridprobe.ngc", "G38.2 is not known"},
+                           {"gridprobe.ngc", "the probe made no contact"},
                            {"lathe_g7x_quadrants.ngc", "G70 is not known"},
-                           {"mmount.ngc", "G33.1 is not known"},
-                           {"systems.ngc", "G5.1 is not known"},
-                           {"threading.ngc", "G33 is not known"}};
+                           {"mmount.ngc", "G33.1 waits for a spindle encoder"},
+                           {"systems.ngc", nullptr},
+                           {"threading.ngc", "G33 waits for a spindle encoder"}};
 
 TEST(ProgramReader, AgreesWithLinuxCncOnItsOwnPrograms) {
   const fs::path programs = "/usr/share/linuxcnc/ncfiles";
@@ -81,6 +81,7 @@ TEST(ProgramReader, AgreesWithLinuxCncOnItsOwnPrograms) {
     }
     for (std::size_t i = 0; i < std::min(ours.size(), theirs.size()); ++i) {
       // Four decimals, also of inches.
+      if (theirs[i].hasNaN()) continue;  // a spline, whose points rs274 does not tell
       ASSERT_LT((ours[i] - theirs[i]).norm(), 3e-3)
           << sample.file << ", point " << i << ": " << ours[i].transpose() << " against " << theirs[i].transpose();
       ++compared;

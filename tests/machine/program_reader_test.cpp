@@ -149,7 +149,8 @@ TEST(ProgramReader, ModesAreKeptAndBroughtBack) {
       "G92 X0\nX1\nG92.2\nX8\nG92.3\nX2\nM2\n");
   ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
   const double x[] = {1, 2, 5, 30.4, 7, 8, 8, 9};  // from the machine's zero
-  const double minutes[] = {11.0 / 200, 1.0 / 50, 3.0 / 200, 25.4 / (5 * 25.4), 23.4 / 200, 1.0 / 200, 0, 1.0 / 200};
+  // F is taken before G20 of its block.
+  const double minutes[] = {11.0 / 200, 1.0 / 50, 3.0 / 200, 25.4 / 5, 23.4 / 200, 1.0 / 200, 0, 1.0 / 200};
   ASSERT_EQ(r.moves.size(), 8U);
   for (std::size_t i = 0; i < 8; ++i) {
     EXPECT_NEAR(r.moves[i].target[0] - r.moves[0].target[0] + 1, x[i], 1e-9) << i;
@@ -225,7 +226,116 @@ TEST(ProgramReader, DrillsAsTheCycleSays) {
   int bottoms = 0;
   for (const ProgramStep& step : r.moves) bottoms += !step.rapid && step.programmed[2] == -3;
   EXPECT_EQ(bottoms, 3);
-  EXPECT_EQ(r.moves.back().programmed[2], 2) << "R is the level before the last hole";
+  EXPECT_EQ(r.moves.back().programmed[2], 20) << "where the cycles began";
+}
+
+// A cubic and a quadratic by their Bezier polynomials, a circle as a rational spline, and one of more points.
+TEST(ProgramReader, SplinesFollowTheirClosedForms) {
+  const auto worst = [](const Reading& r, auto off) {
+    double most = 0;
+    for (const ProgramStep& step : r.steps) {
+      if (step.kind == ProgramStep::kMove && !step.rapid)
+        most = std::max(most, off(step.programmed[0], step.programmed[1]));
+    }
+    return most;
+  };
+  // Against the nearest of many points of the polynomial.
+  const auto bezier = [](const std::vector<Vec3>& p) {
+    std::vector<Vec3> curve;
+    for (int i = 0; i <= 8000; ++i) {
+      std::vector<Vec3> q = p;
+      for (std::size_t n = q.size() - 1; n > 0; --n) {
+        for (std::size_t k = 0; k < n; ++k) q[k] += i / 8000.0 * (q[k + 1] - q[k]);
+      }
+      curve.push_back(q[0]);
+    }
+    return [curve](double x, double y) {
+      double least = 1e9;
+      for (const Vec3& q : curve) least = std::min(least, (q - Vec3(x, y, 0)).norm());
+      return least;
+    };
+  };
+  const Reading cubic = read("F600 G0 X1 Y2\nG5 X11 Y4 I3 J6 P-4 Q5\nM2\n");
+  ASSERT_FALSE(cubic.result.error) << cubic.result.error->rule;
+  ASSERT_GT(cubic.steps.size(), 20U);
+  EXPECT_LT(worst(cubic, bezier({{1, 2, 0}, {4, 8, 0}, {7, 9, 0}, {11, 4, 0}})), 2e-3);
+  const Reading quadratic = read("F600 G0 X1 Y2\nG91 G5.1 X4 Y-3 I2 J6\nM2\n");
+  ASSERT_FALSE(quadratic.result.error) << quadratic.result.error->rule;
+  EXPECT_LT(worst(quadratic, bezier({{1, 2, 0}, {3, 8, 0}, {5, -1, 0}})), 2e-3);
+  // A quarter of a circle has the middle weight cos 45 degrees.
+  const Reading circle =
+      read("F600 G0 X5 Y0\nG5.2 P1\nX5 Y5 P" + std::to_string(std::sqrt(0.5)) + "\nX0 Y5 P1\nG5.3\nG1 X0 Y0\nM2\n");
+  ASSERT_FALSE(circle.result.error) << circle.result.error->rule;
+  double seconds = 0, most = 0;
+  for (const ProgramStep& step : circle.steps) {
+    if (step.kind != ProgramStep::kMove || step.rapid || step.line > 5) continue;
+    most = std::max(most, std::abs(std::hypot(step.programmed[0], step.programmed[1]) - 5));
+    seconds += step.seconds;
+  }
+  EXPECT_LT(most, 1e-6);
+  EXPECT_NEAR(seconds, 2.5 * kPi / 10, 1e-4);
+  EXPECT_EQ(circle.moves.back().programmed[0], 0);
+  // Uniform clamped knots: with all weights one and points on a line, the spline stays on it and ends at its last
+  // point.
+  const Reading line = read("F600 G0 X0 Y0\nG5.2 X1 Y2 P1 L4\nX2 Y4 P3\nX5 Y10 P1\nX6 Y12 P2\nG5.3\nM2\n");
+  ASSERT_FALSE(line.result.error) << line.result.error->rule;
+  EXPECT_LT(worst(line, [](double x, double y) { return std::abs(y - 2 * x); }), 1e-9);
+  EXPECT_EQ(line.moves.back().programmed[0], 6);
+  // The second cubic goes on in the first one's direction.
+  const Reading two = read("F600 G0 X0 Y0\nG5 X10 Y0 I3 J4 P-3 Q-4\nG5 X20 P-3 Q4\nM2\n");
+  ASSERT_FALSE(two.result.error) << two.result.error->rule;
+  const auto second = bezier({{10, 0, 0}, {13, 4, 0}, {17, 4, 0}, {20, 0, 0}});
+  EXPECT_LT(worst(two, [&](double x, double y) { return x <= 10 ? 0 : second(x, y); }), 2e-3);
+
+  const auto refused = [](const std::string& text, const std::string& rule) {
+    expect_refused("F600\n" + text + "\nM2\n", rule,
+                   1 + static_cast<long>(std::count(text.begin(), text.end(), '\n')) + 1);
+  };
+  refused("G5 X1 Y1 I1 P1 Q1", "I and J belong together");
+  refused("G5 X1 Y1 I1 J1 P1", "needs P and Q");
+  refused("G5 X1 Z1 I1 J1 P1 Q1", "X and Y only");
+  refused("G18 G5.1 X1 Y1 I1 J1", "need G17");
+  refused("G5.3", "without G5.2");
+  refused("G5.2 X1 Y1 P1\nG5.3", "as many control points");
+  refused("G5.2 X1 Y1 P1\nG1 X3", "only G5.2");
+  refused("G5.2 X1 P1", "X and Y");
+  refused("G5.2 X1 Y1 P-1", "positive weight");
+}
+
+// No probe, no inputs, no outputs, no encoder: what the control would answer without them.
+TEST(ProgramReader, AnswersAsAControlWithoutSignals) {
+  const Reading r = read(
+      "F600 G38.3 Z-10\nG1 X#5063 Y[#5070+1]\nM62 P1\nM64 P0\nM68 E0 Q1\nM66 P0 L3 Q2\nG1 X#5399\nM66 E1 L0\nG1 "
+      "X#5399\nM50 P0\nG97 S100 M3\nM2\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), 4U);
+  EXPECT_EQ(r.moves[1].programmed[0], -10);
+  EXPECT_EQ(r.moves[1].programmed[1], 1);
+  EXPECT_EQ(r.moves[2].programmed[0], -1) << "waited in vain";
+  EXPECT_EQ(r.moves[3].programmed[0], 0);
+  EXPECT_EQ(std::count_if(r.steps.begin(), r.steps.end(),
+                          [](const ProgramStep& s) { return s.kind == ProgramStep::kDwell && s.seconds == 2; }),
+            1);
+  const Reading probed = read("F600\nG38.2 Z-10\nM2\n");
+  ASSERT_EQ(probed.moves.size(), 1U) << "the move is made";
+  ASSERT_TRUE(probed.result.error);
+  EXPECT_NE(probed.result.error->rule.find("no contact"), std::string::npos);
+  expect_refused("F600\nG38.4 Z-10\nM2\n", "no contact that could open", 2);
+  expect_refused("F600 G91\nG38.3 Z0.1\nM2\n", "too short", 2);
+  expect_refused("M66 P0 L3\nM2\n", "needs a time", 1);
+  expect_refused("M62\nM2\n", "needs P", 1);
+  for (const char* code : {"G33", "G33.1", "G76", "G95"})
+    expect_refused(std::string("S100 M3\n") + code + " Z1 K1\nM2\n", "encoder", 2);
+}
+
+TEST(ProgramReader, ReferencePointsAndLocalShifts) {
+  const Reading r = read("G0 X5 Y6 Z7\nG28.1\nG0 X1 Y1 Z1\nG28 Z9\nG30\nG52 X10\nG0 X0 Y0\nM2\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), 6U);
+  EXPECT_EQ(r.moves[2].programmed[2], 9);
+  EXPECT_EQ(r.moves[3].programmed, (AxisValues{1, 1, 7, 0, 0}));
+  EXPECT_EQ(r.moves[4].target, (AxisValues{}));
+  EXPECT_EQ(r.moves[5].target[0], 20) << "G54 at 10, G52 by 10 more";
 }
 
 TEST(ProgramReader, FanucCallsSubprograms) {

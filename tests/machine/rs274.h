@@ -27,7 +27,7 @@ struct CanonMove {
 
 struct CanonRun {
   std::vector<CanonMove> moves;
-  std::vector<std::string> calls;  ///< DWELL, spindle and stops, each behind the count of moves before it
+  std::vector<std::string> calls;  ///< dwells, stops and starts of the spindle
   std::string error;               ///< what stopped it
 };
 
@@ -103,6 +103,10 @@ class Rs274 {
         move.feed = feed;
         run.moves.push_back(move);
         at = move.to;
+      } else if (name == "NURBS_FEED") {  // whose points it does not tell
+        CanonMove move;
+        move.to = move.middle = at = Vec3::Constant(NAN);
+        run.moves.push_back(move);
       } else if (name == "ARC_FEED") {
         const int a = (plane + 1) % 3, b = (plane + 2) % 3;
         CanonMove move;
@@ -124,8 +128,8 @@ class Rs274 {
         move.feed = feed;
         run.moves.push_back(move);
         at = move.to;
-      } else if (name == "DWELL" || name == "PROGRAM_STOP" || name.find("SPINDLE") != std::string::npos) {
-        run.calls.push_back(std::to_string(run.moves.size()) + " " + line.substr(begin + 1));
+      } else if ((name == "DWELL" && v[0] > 0) || name == "PROGRAM_STOP" || name.starts_with("START_SPINDLE")) {
+        run.calls.push_back(line.substr(begin + 1));
       }
     }
     return run;
@@ -134,9 +138,19 @@ class Rs274 {
   std::filesystem::path folder_;
 };
 
+inline std::string call(const ProgramStep& step) {
+  char text[60] = "";
+  if (step.kind == ProgramStep::kDwell) std::snprintf(text, sizeof text, "DWELL(%.4f)", step.seconds);
+  if (step.kind == ProgramStep::kPause) return "PROGRAM_STOP()";
+  if (step.kind == ProgramStep::kSpindle && step.number != 5)
+    return step.number == 3 ? "START_SPINDLE_CLOCKWISE(0)" : "START_SPINDLE_COUNTERCLOCKWISE(0)";
+  return text;
+}
+
 /// What our reader makes of the same program.
 struct OwnRun {
   std::vector<CanonMove> moves;
+  std::vector<std::string> calls;
   ReadResult result;
 };
 
@@ -147,6 +161,7 @@ inline OwnRun read_as_canon(const std::string& program, const MachineModel& mach
   double seconds = 0;
   Vec3 at = Vec3::Zero();
   run.result = read_program(program, dialect, machine, setup, [&](const ProgramStep& step) {
+    if (const std::string said = call(step); !said.empty()) run.calls.push_back(said);
     if (step.kind != ProgramStep::kMove) return;
     if (chords.empty()) chords.push_back(at);
     chords.emplace_back(step.programmed[0], step.programmed[1], step.programmed[2]);
