@@ -7,12 +7,14 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "cli/digest.h"
 #include "cli/job.h"
+#include "cli/operator_keys.h"
 #include "cli/pages.h"
 #include "cli/progress.h"
 #include "cli/run_folder.h"
@@ -26,7 +28,9 @@
 #include "design/core/image.h"
 #include "design/core/parallel.h"
 #include "design/core/text.h"
+#include "machine/block_transfer.h"
 #include "machine/connection.h"
+#include "machine/drip_feed.h"
 #include "machine/program_lines.h"
 #include "machine/streamer.h"
 #include "postproc/kinematics.h"
@@ -195,18 +199,6 @@ int dry_run_programs(const Common& common, const std::vector<std::string>& progr
   return kExitDryRunFault;
 }
 
-/// Asks the person at the terminal to change the tool or to go on; without a terminal nobody can confirm.
-bool ask_operator(const std::string& what) {
-  if (::isatty(STDIN_FILENO) != 1) return false;
-  std::fprintf(stderr, "\nThe machine waits: %s\nWhen it is done press Enter to go on, or type q and Enter to stop: ", what.c_str());
-  std::string answer;
-  for (int c = std::getchar(); c != '\n'; c = std::getchar()) {
-    if (c == EOF) return false;
-    answer += static_cast<char>(c);
-  }
-  return answer.empty();
-}
-
 /// A run folder's programs leave only as the dry run saw them, and only if it found no fault.
 int allowed_to_mill(const RunFolder& folder) {
   const std::string again = "lightmill dry-run " + folder.root().string();
@@ -227,50 +219,133 @@ int allowed_to_mill(const RunFolder& folder) {
   return verdict(folder);
 }
 
-int stream(const Common& common, const std::string& what, std::string port, int baud, bool confirm) {
-  std::vector<fs::path> programs;
-  std::error_code error;
-  if (fs::is_directory(what, error)) {
-    RunFolder folder(what, false);
-    const Job job = job_of(folder);
-    if (port.empty()) port = job.stream.port;
-    if (baud == 0) baud = job.stream.baud;
-    if (job.controller.dialect != "grblhal") {
-      throw InputError("programs in the dialect " + job.controller.dialect + " are files for the control's own disk; copy " +
-                       folder.file("program").string() + " to it (only grblHAL is fed line by line)");
-    }
-    programs = folder.programs();
-    if (programs.empty()) throw InputError("no program in " + folder.file("program").string() + "; make them with: lightmill post " + what);
-    if (const int code = allowed_to_mill(folder); code != kExitDone) return code;
-  } else {
-    programs.emplace_back(what);
+struct StreamChoices {
+  std::string what;  ///< run folder or program
+  std::string port;  ///< empty: the job's
+  int baud = 0;      ///< 0: the job's, else 115200
+  std::string protocol = "grblhal";
+  std::string format;  ///< empty: the protocol's own
+  bool confirm_all = false;
+  bool no_check = false;
+  std::vector<long> pause_at;  ///< lines of the program
+  bool single_block = false, optional_stops = false;
+};
+
+/// Which line formats and dialects go with a way of sending.
+struct Protocol {
+  const char* name;
+  const char* format;
+  std::vector<std::string> dialects;
+  [[nodiscard]] bool acknowledges_lines() const { return std::string_view(name).starts_with("grbl"); }
+};
+
+const Protocol& protocol_of(const std::string& name) {
+  static const std::vector<Protocol> kProtocols = {{"grblhal", "8N1", {"grblhal"}},
+                                                   {"grbl", "8N1", {"grblhal"}},
+                                                   {"drip", "7E2", {"fanuc", "siemens", "heidenhain_iso"}},
+                                                   {"fe", "7E1", {"heidenhain", "heidenhain_iso"}}};
+  for (const Protocol& protocol : kProtocols) {
+    if (name == protocol.name) return protocol;
   }
-  if (port.empty()) throw InputError("no port given; name it with --port, for example --port /dev/ttyUSB0 (lightmill ports lists them)");
+  throw InputError("--protocol " + name + ": must be grblhal, grbl, drip or fe");
+}
+
+/// Sends one program and says how it ended.
+StreamResult send_program(Connection& connection, const std::string& text, const StreamChoices& choices,
+                          const MachineModel* machine, OperatorKeys& keys, const Monitor& monitor) {
+  const auto ask = [&](const std::string& what) { return choices.confirm_all || keys.ask(what); };
+  if (choices.protocol == "fe") return transfer_blockwise(connection, text, {}, monitor);
+  if (choices.protocol == "drip") {
+    DripOptions options;
+    options.on_operator = ask;
+    return drip_feed(connection, text, options, monitor);
+  }
+  StreamOptions options;
+  options.on_operator = ask;
+  options.commands = [&] { return keys.pressed(); };
+  options.machine = machine;
+  if (!choices.no_check) {
+    const StreamResult checked = check_program(connection, text, options, monitor.part(0, 0.1));
+    if (!checked.done()) return checked;
+  }
+  options.pause_before = [&](const ProgramLine& line, std::string_view before) {
+    const auto& at = choices.pause_at;
+    return choices.single_block || (choices.optional_stops && is_optional_stop(before)) ||
+           std::find(at.begin(), at.end(), line.number) != at.end();
+  };
+  return stream_program(connection, text, options, monitor.part(choices.no_check ? 0 : 0.1, 1));
+}
+
+int stream(const Common& common, StreamChoices choices) {
+  std::vector<fs::path> programs;
+  std::optional<MachineModel> machine;
+  std::optional<RunFolder> folder;
+  std::error_code error;
+  const Protocol& protocol = protocol_of(choices.protocol);
+  if (fs::is_directory(choices.what, error)) {
+    folder.emplace(choices.what, false);
+    const Job job = job_of(*folder);
+    if (choices.port.empty()) choices.port = job.stream.port;
+    if (choices.baud == 0) choices.baud = job.stream.baud;
+    const std::string& dialect = job.controller.dialect;
+    if (std::find(protocol.dialects.begin(), protocol.dialects.end(), dialect) == protocol.dialects.end()) {
+      throw InputError("programs in the dialect " + dialect + " are files for the control's own disk; copy " +
+                       folder->file("program").string() + " to it (" + choices.protocol + " feeds " +
+                       protocol.dialects.front() + " programs; see --protocol)");
+    }
+    programs = folder->programs();
+    if (programs.empty()) throw InputError("no program in " + folder->file("program").string() + "; make them with: lightmill post " + choices.what);
+    if (const int code = allowed_to_mill(*folder); code != kExitDone) return code;
+    machine = read_machine(job.machine.file);
+  } else {
+    programs.emplace_back(choices.what);
+  }
+  if (choices.port.empty()) throw InputError("no port given; name it with --port, for example --port /dev/ttyUSB0 (lightmill ports lists them)");
   std::vector<std::string> texts;
   for (const auto& program : programs) {
     texts.push_back(read_whole(program));
-    if (!ends_itself(texts.back())) {
+    if (protocol.acknowledges_lines() && !ends_itself(texts.back())) {
       throw InputError(
           program.string() +
           ": the last line is no M2 or M30, the file is cut short or its end is missing; copy it again or add the M30");
     }
   }
-  const auto connection = open_serial(port, baud == 0 ? 115200 : baud);
+  SerialFormat format = serial_format(choices.format.empty() ? protocol.format : choices.format);
+  format.software_flow = choices.protocol == "drip";
+  const auto connection = open_connection(choices.port, choices.baud == 0 ? 115200 : choices.baud, format);
   Progress progress(common.style());
+  OperatorKeys keys(STDIN_FILENO);
+  if (protocol.acknowledges_lines() && ::isatty(STDIN_FILENO) == 1) progress.say(OperatorKeys::kHelp);
   for (std::size_t i = 0; i < programs.size(); ++i) {
-    StreamOptions options;
-    options.on_operator = confirm ? std::function([](const std::string&) { return true; }) : ask_operator;
-    const StreamResult result = stream_program(*connection, texts[i], options, progress.stage(programs[i].filename().string()));
-    progress.event({{"event", "stream"}, {"program", programs[i].string()}, {"end", stream_end_name(result.end)},
-                    {"lines", result.lines_total}, {"acknowledged", result.lines_acknowledged}, {"error_line", result.error_line}});
+    const std::string name = programs[i].filename().string();
+    const StreamResult result =
+        send_program(*connection, texts[i], choices, machine ? &*machine : nullptr, keys, progress.stage(name));
+    const json summary = {{"event", "stream"},
+                          {"program", programs[i].string()},
+                          {"end", stream_end_name(result.end)},
+                          {"message", result.message},
+                          {"lines", result.lines_total},
+                          {"sent", result.lines_sent},
+                          {"acknowledged", result.lines_acknowledged},
+                          {"executed", result.lines_executed},
+                          {"error_line", result.error_line},
+                          {"seconds", result.seconds},
+                          {"starved_reports", result.starved_reports},
+                          {"repeated_blocks", result.repeated_blocks}};
+    progress.event(summary);
+    if (folder) {
+      std::ofstream log(folder->file("streams.jsonl"), std::ios::app);
+      log << summary.dump() << std::endl;
+      if (!log) throw IoError("cannot add to " + folder->file("streams.jsonl").string());
+    }
     if (result.end == StreamEnd::kStopped && stop_requested()) throw Stopped();
     if (!result.done()) {
-      std::fprintf(stderr, "lightmill: %s ended early (%s): %s; %ld of %ld lines are acknowledged\n", programs[i].filename().c_str(),
+      std::fprintf(stderr, "lightmill: %s ended early (%s): %s; %ld of %ld lines are acknowledged\n", name.c_str(),
                    stream_end_name(result.end).c_str(), result.message.c_str(), result.lines_acknowledged, result.lines_total);
       return kExitStreamEnded;
     }
     progress.done();
-    progress.say(programs[i].filename().string() + ": " + std::to_string(result.lines_acknowledged) + " lines in " + fixed(result.seconds, 1) + " s");
+    progress.say(name + ": " + result.message + "; " + fixed(result.seconds, 1) + " s");
   }
   return kExitDone;
 }
@@ -347,12 +422,11 @@ int run_command_line(int argc, char** argv) {
   std::function<int()> action;
   const auto on = [&](CLI::App* sub, std::function<int()> run) { sub->callback([&action, run = std::move(run)] { action = run; }); };
 
-  std::string job, out, until = "dry-run", dir, port, link;
+  std::string job, out, until = "dry-run", dir, link;
   TraceOptions traced;
   std::string trace_direction, trace_lamp, trace_tilt;
   std::vector<std::string> programs;
-  int baud = 0;
-  bool confirm = false;
+  StreamChoices streamed;
   ShopOptions shop;
 
   CLI::App* sub = command("make", "the whole chain: design, tool paths, programs, dry run and report", "make portrait.toml -o out");
@@ -402,18 +476,25 @@ int run_command_line(int argc, char** argv) {
   });
 
   sub = command("stream", "send programs to a controller over a serial port", "stream out --port /dev/ttyUSB0");
-  sub->add_option("what", dir, "run folder or program file")->required();
-  sub->add_option("--port", port, "serial port (default: the job's)");
-  sub->add_option("--baud", baud, "line speed (default: the job's, 115200)")->check(CLI::Range(300, 4000000));
-  sub->add_flag("--confirm-all", confirm, "go on at tool changes and pauses without asking (a tool changer, a simulated machine)");
-  on(sub, [&] { return stream(common, dir, port, baud, confirm); });
+  sub->add_option("what", streamed.what, "run folder or program file")->required();
+  sub->add_option("--port", streamed.port, "serial port, or tcp://host:port of a network serial server (default: the job's)");
+  sub->add_option("--baud", streamed.baud, "line speed (default: the job's, 115200)")->check(CLI::Range(300, 4000000));
+  sub->add_option("--protocol", streamed.protocol, "grblhal, grbl; drip: XON/XOFF to controls that mill what comes; fe: Heidenhain blockwise to the disk")
+      ->check(CLI::IsMember({"grblhal", "grbl", "drip", "fe"}));
+  sub->add_option("--format", streamed.format, "data bits, parity, stop bits: 8N1, 7E1... (default: the protocol's)");
+  sub->add_flag("--no-check", streamed.no_check, "leave out the pass in the controller's check mode");
+  sub->add_option("--pause-at", streamed.pause_at, "stop before these lines of the program and ask");
+  sub->add_flag("--single-block", streamed.single_block, "stop before every line and ask");
+  sub->add_flag("--optional-stops", streamed.optional_stops, "stop behind M1 and ask");
+  sub->add_flag("--confirm-all", streamed.confirm_all, "go on at tool changes and pauses without asking (a tool changer, a simulated machine)");
+  on(sub, [&] { return stream(common, streamed); });
 
   sub = command("machine", "the simulated machine behind a pseudo-terminal, until Ctrl-C; then what it milled is in --out",
                 "machine --pty /tmp/mill --blank 100x100x14 --out milled");
   sub->add_option("--pty", link, "link that other programs open as their serial port")->required();
   sub->add_option("--out", out, "folder for machined.tif and result.json")->required();
   shop.add(sub);
-  sub->add_option("--protocol", shop.protocol, "whose manners the control has on the line")->check(CLI::IsMember({"grbl", "grblhal"}));
+  sub->add_option("--protocol", shop.protocol, "whose manners the control has on the line")->check(CLI::IsMember({"grblhal", "grbl", "drip", "fe"}));
   sub->add_option("--line-fault", shop.line_faults, "plant a fault on the line, e.g. flip@120 (the 120th byte) or drop-ok@3; without a place the seed chooses");
   sub->add_option("--fault-seed", shop.fault_seed, "for line faults that name no place");
   on(sub, [&] {

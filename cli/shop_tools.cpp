@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <set>
 #include <thread>
 
 #include "cam/outline_region.h"
@@ -21,6 +20,7 @@
 #include "design/core/errors.h"
 #include "design/core/text.h"
 #include "machine/pseudo_terminal.h"
+#include "machine/serial_ports.h"
 #include "postproc/machine_model.h"
 #include "postproc/program.h"
 
@@ -38,28 +38,6 @@ std::vector<fs::path> files_of(const fs::path& folder, const std::string& extens
   }
   std::sort(files.begin(), files.end());
   return files;
-}
-
-/// Ports of adapters and controllers, by their lasting names first.
-std::vector<fs::path> serial_ports() {
-  std::vector<fs::path> ports;
-  std::set<fs::path> seen;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator("/dev/serial/by-id", error)) {
-    ports.push_back(entry.path());
-    seen.insert(fs::canonical(entry.path(), error));
-  }
-  std::vector<fs::path> others;
-  for (const auto& entry : fs::directory_iterator("/dev", error)) {
-    const std::string name = entry.path().filename().string();
-    for (const char* start : {"ttyUSB", "ttyACM", "ttyAMA"}) {
-      if (name.starts_with(start) && !seen.contains(entry.path())) others.push_back(entry.path());
-    }
-  }
-  std::sort(ports.begin(), ports.end());
-  std::sort(others.begin(), others.end());
-  ports.insert(ports.end(), others.begin(), others.end());
-  return ports;
 }
 
 bool on_path(const char* program) {
@@ -84,8 +62,9 @@ bool say(bool good, const std::string& what, const std::string& remedy = "") {
 int list_ports() {
   const auto ports = serial_ports();
   for (const auto& port : ports) {
-    const bool usable = ::access(port.c_str(), R_OK | W_OK) == 0;
-    std::printf("%s%s\n", port.c_str(), usable ? "" : "  (no permission: add yourself to the group dialout and log in again)");
+    const bool usable = ::access(port.path.c_str(), R_OK | W_OK) == 0;
+    const std::string usb = port.usb_name.empty() ? "" : "  " + port.usb_name;
+    std::printf("%s%s%s\n", port.path.c_str(), usb.c_str(), usable ? "" : "  (no permission: add yourself to the group dialout and log in again)");
   }
   if (ports.empty()) std::printf("no serial port found; plug the controller in and look again\n");
   return kExitDone;
@@ -149,7 +128,7 @@ int doctor() {
   const auto ports = serial_ports();
   say(!ports.empty(), std::to_string(ports.size()) + " serial ports (needed for stream only)", "plug the controller in");
   for (const auto& port : ports) {
-    say(::access(port.c_str(), R_OK | W_OK) == 0, port.string(), "no permission; add yourself to the group dialout and log in again");
+    say(::access(port.path.c_str(), R_OK | W_OK) == 0, port.path.string(), "no permission; add yourself to the group dialout and log in again");
   }
   return good ? kExitDone : kExitIo;
 }

@@ -142,9 +142,17 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
   SimulationOptions options;
   options.time_factor = shop.time_factor;
   options.personality = personality(shop.protocol);
+  // Controls that take a program as a text mill it afterwards, by the reader of the machine's dialect.
+  const bool takes_text =
+      options.personality == Personality::kBlockwise || options.personality == Personality::kDripFeed;
+  if (takes_text) {
+    reader_dialect(machine.controller);  // says now what cannot be read
+    options.remove_stock = false;
+  }
   options.stock.pitch_mm = shop.pitch_um / 1000;
   LineOptions line;
   line.baud = shop.baud;
+  line.even_parity = takes_text;
   for (const std::string& fault : shop.line_faults) line.faults.push_back(line_fault(fault, shop.fault_seed));
   SimulatedMachine simulated(machine, setup, options);
   MotionTimer timer(machine);
@@ -156,9 +164,20 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
     PseudoTerminal terminal(link);
     serve(simulated, terminal, line, should_end);
   }
+  const SimulationResult result = simulated.result();
+  if (takes_text) {
+    const fs::path received = out / "received.nc";
+    write_whole(received, result.received_program);
+    if (result.received_program.empty()) throw InputError("no program was received");
+    run_program_files(shop, machine.controller, {received}, out, {});
+    json record = json::parse(read_whole(out / "result.json"));
+    for (const Fault& fault : result.faults) record["faults"].push_back(to_json(fault));
+    record["received_digest"] = result.received_digest;
+    write_whole(out / "result.json", record.dump(1) + "\n");
+    return;
+  }
   const MachinedSurface surface = simulated.machined();
   write_machined(out / "machined.tif", surface);
-  const SimulationResult result = simulated.result();
   json record = {{"lines", result.lines},
                  {"timing", json::array()},
                  {"received_bytes", result.received_bytes},

@@ -52,7 +52,8 @@ LineFault line_fault(std::string_view text, unsigned seed) {
 }
 
 Cable::Cable(const LineOptions& line, bool to_machine)
-    : byte_ns_(line.baud > 0 ? kBitsPerByte / line.baud * kNanosecondsPerSecond : 0) {
+    : byte_ns_(line.baud > 0 ? kBitsPerByte / line.baud * kNanosecondsPerSecond : 0),
+      even_parity_(line.even_parity) {
   for (const LineFault& fault : line.faults) {
     if (fault.to_machine == to_machine) faults_.push_back(fault);
   }
@@ -100,7 +101,9 @@ void Cable::put(std::string_view bytes, ClockTime now) {
     if (planted(Kind::kDropByte, bytes_) != nullptr) continue;
     if (byte == kXon && planted(Kind::kDropXon, ++xons_) != nullptr) continue;
     if (const LineFault* slow = planted(Kind::kSlow, bytes_)) delay_ns_ = slow->seconds * kNanosecondsPerSecond;
-    if (const LineFault* flip = planted(Kind::kFlipByte, bytes_)) byte = static_cast<char>(byte ^ (1 << flip->bit));
+    if (const LineFault* flip = planted(Kind::kFlipByte, bytes_)) {
+      byte = even_parity_ ? '\0' : static_cast<char>(byte ^ (1 << flip->bit));
+    }
     if (planted(Kind::kDoubleByte, bytes_) != nullptr) send(byte, now);
     send(byte, now);
   }

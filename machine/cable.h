@@ -39,6 +39,7 @@ LineFault line_fault(std::string_view text, unsigned seed);
 /// A line between a sender and a machine.
 struct LineOptions {
   int baud = 0;  ///< 0: not paced
+  bool even_parity = false;  ///< seven bits and a parity bit: a turned byte is noticed and arrives as a NUL
   std::vector<LineFault> faults;
 };
 
@@ -65,6 +66,7 @@ class Cable {
     ClockTime arrival;
   };
   double byte_ns_;
+  bool even_parity_;
   std::vector<LineFault> faults_;
   std::deque<Byte> under_way_;
   double free_ns_ = 0;  ///< when the line has sent all it was given

@@ -6,6 +6,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 
 #include "machine/clock.h"
 
@@ -28,8 +29,23 @@ class Connection {
   [[nodiscard]] virtual const Clock& clock() const { return wall_clock(); }
 };
 
-/// Opens a serial port through libserial (8N1, no flow control).
-/// Throws IoError that names the port, the reason and the remedy.
-std::unique_ptr<Connection> open_serial(const std::string& port, int baud);
+struct SerialFormat {
+  int data_bits = 8;  ///< 7 or 8
+  char parity = 'N';  ///< N, E, O
+  int stop_bits = 1;  ///< 1 or 2
+  bool software_flow = false;  ///< the system obeys XON and XOFF; controllers with real-time bytes must not have it
+  bool hardware_flow = false;  ///< RTS/CTS
+};
+/// "8N1", "7E1", "7E2"...; throws InputError.
+SerialFormat serial_format(std::string_view text);
+
+/// Opens a serial port through libserial. Throws IoError that names the port, the reason and the remedy.
+std::unique_ptr<Connection> open_serial(const std::string& port, int baud, const SerialFormat& format = {});
+
+/// A byte stream to a network serial server, "tcp://host:port"; the line's speed and format are set there.
+std::unique_ptr<Connection> open_tcp(const std::string& address);
+
+/// One or the other, by the name.
+std::unique_ptr<Connection> open_connection(const std::string& port, int baud, const SerialFormat& format = {});
 
 }  // namespace lightmill

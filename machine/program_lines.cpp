@@ -22,13 +22,13 @@ std::vector<ProgramLine> program_lines(std::string_view program) {
   return lines;
 }
 
-bool ends_itself(std::string_view program) {
-  auto lines = program_lines(program);
-  while (!lines.empty() && lines.back().text == "%") lines.pop_back();
-  if (lines.empty()) return false;
+namespace {
+
+/// Has the line, outside comments, an M word of one of these numbers?
+bool has_m_word(std::string_view line, std::initializer_list<std::string_view> numbers) {
   std::string words;  // without comments and blanks
   bool comment = false;
-  for (const char c : lines.back().text) {
+  for (const char c : line) {
     if (c == ';') break;
     if (c == '(') comment = true;
     if (!comment && c != ' ' && c != '\t') words += static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
@@ -40,9 +40,21 @@ bool ends_itself(std::string_view program) {
     std::size_t last = first;
     while (last < words.size() && std::isdigit(static_cast<unsigned char>(words[last])) != 0) ++last;
     const std::string number = words.substr(first, last - first);
-    if (number == "2" || number == "30") return true;
+    if (std::find(numbers.begin(), numbers.end(), number) != numbers.end()) return true;
   }
   return false;
+}
+
+}  // namespace
+
+bool ends_itself(std::string_view program) {
+  auto lines = program_lines(program);
+  while (!lines.empty() && lines.back().text == "%") lines.pop_back();
+  return !lines.empty() && has_m_word(lines.back().text, {"2", "30"});
+}
+
+bool is_optional_stop(std::string_view line) {
+  return has_m_word(line, {"1"});
 }
 
 std::string LineDigest::hex() const {

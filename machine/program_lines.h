@@ -21,6 +21,9 @@ std::vector<ProgramLine> program_lines(std::string_view program);
 /// short on its way, its very last number perhaps with it, and would leave the machine with the spindle running.
 bool ends_itself(std::string_view program);
 
+/// Has it an M1 outside comments? Controllers whose switch for optional stops is off run over it.
+bool is_optional_stop(std::string_view line);
+
 /// FNV-1a, 64 bits, over every line's bytes and a line feed: a lost, doubled, changed or swapped line changes it.
 class LineDigest {
  public:

@@ -83,23 +83,29 @@ dev_t device_of(const std::string& port) {
 
 class SerialConnection final : public Connection {
  public:
-  SerialConnection(const std::string& port, int baud)
+  SerialConnection(const std::string& port, int baud, const SerialFormat& format)
       : name_(port), device_(device_of(port)), rate_(baud_rate(baud)), lock_(port, device_) {
     try {
       // Configure before talking: setting the flow control throws away what has been received.
       port_.Open(port);
-      port_.SetFlowControl(LibSerial::FlowControl::FLOW_CONTROL_NONE);
+      port_.SetFlowControl(format.hardware_flow ? LibSerial::FlowControl::FLOW_CONTROL_HARDWARE
+                                                : LibSerial::FlowControl::FLOW_CONTROL_NONE);
       port_.SetBaudRate(rate_);
-      port_.SetCharacterSize(LibSerial::CharacterSize::CHAR_SIZE_8);
-      port_.SetParity(LibSerial::Parity::PARITY_NONE);
-      port_.SetStopBits(LibSerial::StopBits::STOP_BITS_1);
+      port_.SetCharacterSize(format.data_bits == 7 ? LibSerial::CharacterSize::CHAR_SIZE_7
+                                                   : LibSerial::CharacterSize::CHAR_SIZE_8);
+      port_.SetParity(format.parity == 'E'   ? LibSerial::Parity::PARITY_EVEN
+                      : format.parity == 'O' ? LibSerial::Parity::PARITY_ODD
+                                             : LibSerial::Parity::PARITY_NONE);
+      port_.SetStopBits(format.stop_bits == 2 ? LibSerial::StopBits::STOP_BITS_2 : LibSerial::StopBits::STOP_BITS_1);
       fd_ = port_.GetFileDescriptor();
-      // All 256 byte values must pass both ways: no IXON, no translation of line ends, no signals.
+      // All 256 byte values must pass both ways: no translation of line ends, no signals, and IXON only if asked for.
       termios settings{};
       if (::tcgetattr(fd_, &settings) != 0) throw std::runtime_error(std::strerror(errno));
       const tcflag_t control = settings.c_cflag;
       ::cfmakeraw(&settings);
       settings.c_cflag = control;
+      if (format.software_flow) settings.c_iflag |= IXON;
+      if (format.data_bits == 7) settings.c_iflag |= ISTRIP;
       if (::tcsetattr(fd_, TCSANOW, &settings) != 0) throw std::runtime_error(std::strerror(errno));
       ::fcntl(fd_, F_SETFL, ::fcntl(fd_, F_GETFL) | O_NONBLOCK);
     } catch (const std::exception& error) {
@@ -198,8 +204,20 @@ class SerialConnection final : public Connection {
 
 }  // namespace
 
-std::unique_ptr<Connection> open_serial(const std::string& port, int baud) {
-  return std::make_unique<SerialConnection>(port, baud);
+SerialFormat serial_format(std::string_view text) {
+  SerialFormat format;
+  if (text.size() == 3 && (text[0] == '7' || text[0] == '8') && (text[1] == 'N' || text[1] == 'E' || text[1] == 'O') &&
+      (text[2] == '1' || text[2] == '2')) {
+    format.data_bits = text[0] - '0';
+    format.parity = text[1];
+    format.stop_bits = text[2] - '0';
+    return format;
+  }
+  throw InputError("line format '" + std::string(text) + "' must be data bits, parity and stop bits, as 8N1 or 7E1");
+}
+
+std::unique_ptr<Connection> open_serial(const std::string& port, int baud, const SerialFormat& format) {
+  return std::make_unique<SerialConnection>(port, baud, format);
 }
 
 }  // namespace lightmill

@@ -13,8 +13,27 @@ namespace lightmill {
 Personality personality(std::string_view name) {
   if (name == "grbl") return Personality::kGrbl;
   if (name == "grblhal") return Personality::kGrblHal;
-  throw InputError("protocol '" + std::string(name) + "' is none of grbl, grblhal");
+  if (name == "fe") return Personality::kBlockwise;
+  if (name == "drip") return Personality::kDripFeed;
+  throw InputError("protocol '" + std::string(name) + "' is none of grbl, grblhal, fe, drip");
 }
+
+namespace {
+
+std::unique_ptr<detail::Controller> make_controller(detail::Mill& mill, Personality personality) {
+  switch (personality) {
+    case Personality::kBlockwise:
+      return detail::make_blockwise_controller(mill);
+    case Personality::kDripFeed:
+      return detail::make_drip_controller(mill);
+    case Personality::kGrbl:
+    case Personality::kGrblHal:
+      break;
+  }
+  return detail::make_grbl_controller(mill, personality);
+}
+
+}  // namespace
 
 struct SimulatedMachine::Impl {
   detail::Mill mill;
@@ -22,7 +41,7 @@ struct SimulatedMachine::Impl {
   std::string program;
 
   Impl(const MachineModel& machine, const OperatorSetup& setup, const SimulationOptions& options)
-      : mill(machine, setup, options), controller(detail::make_grbl_controller(mill, options.personality)) {}
+      : mill(machine, setup, options), controller(make_controller(mill, options.personality)) {}
 };
 
 SimulatedMachine::SimulatedMachine(const MachineModel& machine, const OperatorSetup& setup,

@@ -31,9 +31,12 @@ struct OperatorSetup {
 enum class Personality {
   kGrbl,     ///< grbl 1.1: 128 bytes, 15 blocks, three axes; goes on executing after an error
   kGrblHal,  ///< buffer and blocks of the machine file; an error is latched: all that follows is refused
+  // These two take a program as a text; what it means is read by run_programs() (program_run.h).
+  kBlockwise,  ///< Heidenhain FE: asks for a program, acknowledges or refuses each block
+  kDripFeed,   ///< XON and XOFF around a buffer of the machine file's size; a block every drip_block_s
 };
 
-/// "grbl", "grblhal"; throws InputError for any other name.
+/// "grbl", "grblhal", "fe", "drip"; throws InputError for any other name.
 Personality personality(std::string_view name);
 
 /// Faults of the control to plant, each by a count of program lines from 1 since power-on; < 0: never. Those of the
@@ -55,6 +58,7 @@ struct SimulationOptions {
   StockOptions stock;
   bool remove_stock = true;
   PlantedFaults planted;
+  double drip_block_s = 0.01;  ///< kDripFeed: the control takes a block so often
   double least_starvation_s = 1e-3;  ///< of machine time; shorter standstills in the cut are not counted
 };
 
@@ -76,6 +80,7 @@ struct SimulationResult {
   long received_bytes = 0;
   long overflowed_bytes = 0;  ///< dropped because the receive buffer was full
   int highest_buffer_fill = 0;
+  std::string received_program;  ///< kBlockwise, kDripFeed: the text as it came, without blank lines
   std::string received_digest;  ///< of all executed lines; equals LineDigest of the programs' lines (program_lines.h)
   JointPosition joints;         ///< where the axes stand
   int tool = 0;                 ///< in the spindle

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cmath>
 
 #include "design/core/text.h"
 #include "machine/detail/sent_text.h"
@@ -42,11 +43,14 @@ class Streamer {
     }
   }
 
-  StreamResult run() {
+  /// With `checking` in check mode: nothing moves.
+  StreamResult run(bool checking) {
     const ClockTime start = now();
     last_reply_ = start;
     greet();
+    checking_ = checking;
     try {
+      if (checking) enter_check_mode();
       stream();
       wait_until_idle();
       result_.message = plural(acknowledged_, "line") + " executed";
@@ -79,6 +83,7 @@ class Streamer {
       result_.end = StreamEnd::kHungUp;
       result_.message = std::string(error.what()) + "; the controller goes on with what it has buffered; " + account();
     }
+    if (checking) leave_check_mode();
     result_.lines_sent = static_cast<long>(next_);
     result_.lines_acknowledged = acknowledged_;
     result_.lines_executed = executed_;
@@ -122,6 +127,10 @@ class Streamer {
   bool locked_ = false;
   int greeting_oks_ = 0;
   std::string greeting_error_;
+  std::map<int, double> settings_;
+  bool checking_ = false;
+  bool held_by_operator_ = false;
+  std::size_t let_through_ = 0;  ///< this line's pause has been served (index + 1)
   bool operator_line_ = false;  ///< the last line sent makes the controller wait for the operator
 
   /// What is known of the lines, in words.
@@ -263,6 +272,8 @@ class Streamer {
                     "the controller restarted in the middle of the program; its position is not to be "
                     "trusted before it is homed"};
       }
+    } else if (line.front() == '$') {
+      read_setting(line);
     } else if (line.front() == '[') {
       if (line.find("to unlock]") != std::string_view::npos) locked_ = true;
       if (greeting_ && line.starts_with("[OPT:")) read_options(line);
@@ -271,6 +282,16 @@ class Streamer {
       // A reply that the wire has garbled; the count of acknowledgements will tell whether it was one.
       ++unreadable_;
     }
+  }
+
+  /// "$110=6000.000"
+  void read_setting(std::string_view line) {
+    int number = 0;
+    double value = 0;
+    const char* const end = line.data() + line.size();
+    const auto [equals, wrong] = std::from_chars(line.data() + 1, end, number);
+    if (wrong != std::errc() || equals == end || *equals != '=') return;
+    if (std::from_chars(equals + 1, end, value).ec == std::errc()) settings_[number] = value;
   }
 
   /// The controller cannot hold more than is under way; if it says so, an ok was counted that was none.
@@ -366,8 +387,7 @@ class Streamer {
       send_real_time(kSoftReset);
     }
     if (options_.greeting != Greeting::kNone) {
-      const auto end = now() + kBannerTimeout;
-      while (!banner_ && now() < end) listen(milliseconds(50));
+      wait_for_banner();
       if (!banner_) throw IoError("no grblHAL banner" + on_port + ": is it another controller?");
       drain();
     }
@@ -390,6 +410,7 @@ class Streamer {
         throw IoError("the controller" + on_port + " does not say how large its receive buffer is: give it in the job");
       }
     }
+    if (options_.machine != nullptr) check_settings(on_port);
     for (const ProgramLine& line : lines_) {
       if (static_cast<int>(line.text.size()) + 1 > result_.receive_buffer_bytes - 1) {
         throw InputError("line " + std::to_string(line.number) +
@@ -401,6 +422,22 @@ class Streamer {
       idle_bytes_ = status_.free_bytes;
     }
     greeting_ = false;
+  }
+
+  void wait_for_banner() {
+    const ClockTime end = now() + kBannerTimeout;
+    while (!banner_ && now() < end) listen(milliseconds(50));
+  }
+
+  void check_settings(const std::string& on_port) {
+    settings_.clear();
+    command("$$\n", on_port);
+    const std::vector<std::string> differences = setting_differences(settings_, *options_.machine);
+    if (differences.empty()) return;
+    std::string all;
+    for (const std::string& difference : differences) all += (all.empty() ? "" : "; ") + difference;
+    throw InputError("the controller" + on_port + " is not set as the machine file says: " + all +
+                     ": correct one of the two");
   }
 
   void command(std::string_view text, const std::string& on_port) {
@@ -419,6 +456,31 @@ class Streamer {
     }
   }
 
+  // --- Check mode ---
+
+  void enter_check_mode() {
+    greeting_ = true;
+    command("$C\n", " on " + connection_.name());
+    greeting_ = false;
+  }
+
+  /// The controller resets itself when it leaves check mode.
+  void leave_check_mode() {
+    if (result_.done()) {
+      result_.message = "the controller takes all " + plural(acknowledged_, "line");
+    } else {
+      result_.message = "in check mode, nothing has moved: " + result_.message;
+    }
+    executed_ = 0;
+    if (result_.end == StreamEnd::kHungUp || result_.end == StreamEnd::kReset) return;
+    unsent_.clear();
+    greeting_ = true;
+    banner_ = false;
+    command("$C\n", " on " + connection_.name());
+    wait_for_banner();
+    drain();
+  }
+
   // --- Streaming ---
 
   [[nodiscard]] bool all_acknowledged() const { return acknowledged_ == static_cast<long>(next_); }
@@ -429,6 +491,7 @@ class Streamer {
       const ProgramLine& line = lines_[next_];
       const int size = static_cast<int>(line.text.size()) + 1;
       if (in_flight_ + size > result_.receive_buffer_bytes - 1) return;
+      if (pauses_before_next()) return;
       const detail::LineWords words = detail::words_of(line.text);
       if (!all_acknowledged()) {
         // The count of acknowledgements is checked now and then, and around lines that ask for the operator. Two lines
@@ -454,6 +517,32 @@ class Streamer {
     }
   }
 
+  [[nodiscard]] bool pauses_before_next() const {
+    return options_.pause_before && !checking_ && next_ < lines_.size() && let_through_ <= next_ &&
+           options_.pause_before(lines_[next_], next_ > 0 ? lines_[next_ - 1].text : std::string_view());
+  }
+
+  /// The machine comes to rest before the next line, and the operator looks.
+  void serve_pause() {
+    wait_until_idle();
+    const std::string what =
+        "before line " + std::to_string(lines_[next_].number) + ": " + std::string(lines_[next_].text);
+    if (!options_.on_operator || !options_.on_operator(what)) {
+      throw Ended{StreamEnd::kStopped, "paused " + what + ", and nobody goes on"};
+    }
+    let_through_ = next_ + 1;
+    last_reply_ = now();
+  }
+
+  void send_commands() {
+    if (!options_.commands) return;
+    for (const char byte : options_.commands()) {
+      if (byte == '!') held_by_operator_ = true;
+      if (byte == '~') held_by_operator_ = false;
+      send_real_time(byte);
+    }
+  }
+
   void progress(bool force = false) {
     if (!force && now() - last_progress_ < kProgressInterval) return;
     last_progress_ = now();
@@ -475,12 +564,14 @@ class Streamer {
   void stream() {
     const ClockTime start = last_reply_ = now();
     while (next_ < lines_.size() || !all_acknowledged()) {
+      send_commands();
       feed();
       flush(milliseconds(0));
       poll_status();
       const bool waits_for_room = !unsent_.empty();
       const bool heard = listen(waits_for_room ? milliseconds(1) : kPollInterval);
       if (operator_line_ && unsent_.empty() && (!heard || all_acknowledged())) serve_operator();
+      if (all_acknowledged() && !operator_line_ && pauses_before_next()) serve_pause();
       if (!all_acknowledged() && now() - last_reply_ >= options_.reply_timeout) look_for_lost_acknowledgement();
       progress();
     }
@@ -591,7 +682,7 @@ class Streamer {
 
   /// Somebody at the machine may have held it, or opened its door.
   void serve_held_machine() {
-    if (!options_.on_operator) return;
+    if (!options_.on_operator || held_by_operator_) return;
     const std::string what = "the machine waits (" + status_.state + ") although the program did not ask for it";
     if (!options_.on_operator(what)) throw Ended{StreamEnd::kStopped, what + " and the operator does not go on"};
     send_real_time('~');
@@ -604,6 +695,7 @@ class Streamer {
       if (!ask_status()) throw Ended{StreamEnd::kLostAcknowledgement, "the controller does not answer any more"};
       if (status_.state == "Idle" || status_.state == "Check") return;
       if (status_.state == "Alarm") throw Ended{StreamEnd::kAlarm, "the controller is in alarm"};
+      send_commands();
       if (status_.state == "Run") moved = now();
       if (now() - moved >= options_.reply_timeout) {
         serve_held_machine();
@@ -661,7 +753,38 @@ bool parse_status(std::string_view line, StatusReport& report) {
 
 StreamResult stream_program(Connection& connection, std::string_view program, const StreamOptions& options,
                             const Monitor& monitor) {
-  return Streamer(connection, program, options, monitor).run();
+  return Streamer(connection, program, options, monitor).run(false);
+}
+
+StreamResult check_program(Connection& connection, std::string_view program, const StreamOptions& options,
+                           const Monitor& monitor) {
+  StreamOptions checking = options;
+  checking.journal = nullptr;
+  return Streamer(connection, program, checking, monitor).run(true);
+}
+
+std::vector<std::string> setting_differences(const std::map<int, double>& settings, const MachineModel& machine) {
+  constexpr double kSameShare = 0.01;  // settings are typed in by hand
+  std::vector<std::string> differences;
+  const auto compare = [&](int number, const std::string& what, double expected, const std::string& unit) {
+    const auto found = settings.find(number);
+    if (found == settings.end() || std::abs(found->second - expected) <= kSameShare * std::abs(expected)) return;
+    differences.push_back("$" + std::to_string(number) + " (" + what + ") is " + compact(found->second, 3) +
+                          ", the file says " + compact(expected, 3) + unit);
+  };
+  compare(13, "reports in inches", 0, "");
+  compare(32, "laser mode", 0, "");
+  compare(30, "highest spindle speed", machine.max_spindle_rpm, " rpm");
+  const std::array<std::pair<char, const LinearAxis*>, 3> axes = {
+      {{'X', &machine.x}, {'Y', &machine.y}, {'Z', &machine.z}}};
+  for (int i = 0; i < 3; ++i) {
+    const auto& [letter, axis] = axes[static_cast<std::size_t>(i)];
+    const std::string name(1, letter);
+    compare(110 + i, name + " speed", axis->max_speed_mm_per_s * 60, " mm/min");
+    if (axis->acceleration_mm_per_s2 > 0) compare(120 + i, name + " acceleration", axis->acceleration_mm_per_s2, " mm/s2");
+    compare(130 + i, name + " travel", axis->max_mm - axis->min_mm, " mm");
+  }
+  return differences;
 }
 
 }  // namespace lightmill

@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <functional>
+#include <map>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -10,6 +11,8 @@
 #include "design/core/monitor.h"
 #include "machine/connection.h"
 #include "machine/journal.h"
+#include "machine/program_lines.h"
+#include "postproc/machine_model.h"
 
 namespace lightmill {
 
@@ -40,6 +43,13 @@ struct StreamOptions {
   /// ends there. Also asked when the machine is held for longer than reply_timeout without the program's wish (false: the
   /// stream ends; without it: waits).
   std::function<bool(const std::string& what)> on_operator;
+  /// Real-time bytes that the operator wants sent now (! ~ overrides); asked all the time while streaming.
+  std::function<std::string()> commands;
+  /// True: before this line the machine comes to rest and the operator is asked (on_operator), as for a single block,
+  /// a line to look at, an optional stop in the line `before` it.
+  std::function<bool(const ProgramLine& line, std::string_view before)> pause_before;
+  /// The controller's settings ($$) must fit this machine file, or nothing is sent; null: not asked.
+  const MachineModel* machine = nullptr;
   /// Told before lines are sent, and when they are acknowledged or a status is reported. When it cannot be written the
   /// machine is held.
   Journal* journal = nullptr;
@@ -65,10 +75,21 @@ struct StreamResult {
   /// Oks that got lost although position and modes are as after their lines; the one thing that looks the same is a
   /// whole line lost whose effect a later one has undone, so the message names where.
   long recovered_acknowledgements = 0;
+  long repeated_blocks = 0;  ///< blockwise transfer: sent again because the control refused them
   long starved_reports = 0;  ///< status reports that found the planner empty between two motions: the line is too slow
   long first_starved_line = 0;
   [[nodiscard]] bool done() const { return end == StreamEnd::kDone; }
 };
+
+/// Sends the whole program in the controller's check mode ($C): it reads every line as if to execute it, and nothing
+/// moves. Finds what the controller would refuse before it can refuse it in the cut. Leaves check mode, by which the
+/// controller resets itself. Throws as stream_program() does.
+StreamResult check_program(Connection& connection, std::string_view program, const StreamOptions& options = {},
+                           const Monitor& monitor = {});
+
+/// Where settings ($n, as `$$` lists them) contradict the machine file, in words: units, laser mode, spindle, speeds,
+/// accelerations, travels. Settings that the controller does not list are not compared.
+std::vector<std::string> setting_differences(const std::map<int, double>& settings, const MachineModel& machine);
 
 /// A controller's status report, e.g. "<Idle|MPos:0.000,0.000,0.000,0.000,0.000,0.000|Bf:100,1023|FS:0,0>".
 struct StatusReport {

@@ -44,5 +44,9 @@ class Controller {
 
 /// grbl 1.1 or grblHAL.
 std::unique_ptr<Controller> make_grbl_controller(Mill& mill, Personality personality);
+/// Takes a program blockwise (FE) onto its disk.
+std::unique_ptr<Controller> make_blockwise_controller(Mill& mill);
+/// Is drip fed with XON and XOFF.
+std::unique_ptr<Controller> make_drip_controller(Mill& mill);
 
 }  // namespace lightmill::detail

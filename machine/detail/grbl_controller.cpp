@@ -262,7 +262,7 @@ class GrblController final : public Controller {
         return true;
       case '!':
       case 0x82:
-        if (!door_ && !locked_) mill_.hold();
+        if (!door_ && !locked_ && !checking_) mill_.hold();
         return true;
       case '~':
       case 0x81:
@@ -514,6 +514,9 @@ class GrblController final : public Controller {
     say("$110=" + fixed(machine.x.max_speed_mm_per_s * 60, 3));
     say("$111=" + fixed(machine.y.max_speed_mm_per_s * 60, 3));
     say("$112=" + fixed(machine.z.max_speed_mm_per_s * 60, 3));
+    say("$120=" + fixed(machine.x.acceleration_mm_per_s2, 3));
+    say("$121=" + fixed(machine.y.acceleration_mm_per_s2, 3));
+    say("$122=" + fixed(machine.z.acceleration_mm_per_s2, 3));
     say("$130=" + fixed(machine.x.max_mm - machine.x.min_mm, 3));
     say("$131=" + fixed(machine.y.max_mm - machine.y.min_mm, 3));
     say("$132=" + fixed(machine.z.max_mm - machine.z.min_mm, 3));

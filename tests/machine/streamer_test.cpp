@@ -350,6 +350,105 @@ TEST(Streamer, OneProgramAfterAnother) {
   EXPECT_EQ(rig.machine.result().received_digest, program_digest(first + second));
 }
 
+// --- Before the start ---
+
+TEST(Streamer, CheckModeFindsWhatWouldBeRefusedAndMovesNothing) {
+  for (const Personality personality : {Personality::kGrblHal, Personality::kGrbl}) {
+    SimulationOptions simulation = test::no_stock();
+    simulation.personality = personality;
+    test::Lockstep rig(simulation);
+    std::string program = "G21 G90\nS20000 M3\nG0 X1\n";
+    for (int i = 0; i < 200; ++i) program += "G1 X" + std::to_string(i % 9) + " F600\n";
+    const StreamResult good = check_program(rig.link, program + "M0\nM5\nM2\n", quick());
+    EXPECT_TRUE(good.done()) << good.message;
+    EXPECT_EQ(good.message, "the controller takes all 206 lines");
+    const StreamResult bad = check_program(rig.link, program + "G1 Q7\nM2\n", quick());
+    EXPECT_EQ(bad.end, StreamEnd::kControllerError);
+    EXPECT_EQ(bad.error_line, 204);
+    EXPECT_THAT(bad.message, HasSubstr("in check mode, nothing has moved: the controller refused line 204"));
+    EXPECT_EQ(rig.machine.result().lines, 0);
+    EXPECT_EQ(rig.machine.result().machine_seconds, 0);
+    // It is ready for the real thing.
+    EXPECT_TRUE(stream_program(rig.link, program + "M2\n", quick()).done());
+  }
+}
+
+TEST(Streamer, SettingsMustFitTheMachineFile) {
+  const MachineModel machine = test::skew_machine();
+  StreamOptions options = quick();
+  options.machine = &machine;
+  EXPECT_TRUE(stream("G21\nG0 X1\nM2\n", test::no_stock(), options).stream.done());
+  MachineModel other = machine;
+  other.y.max_speed_mm_per_s /= 2;
+  other.max_spindle_rpm = 24000;
+  other.z.min_mm -= 5;
+  test::Lockstep rig(test::no_stock(), {}, other);
+  try {
+    stream_program(rig.link, "G21\nG0 X1\nM2\n", options);
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("$30 (highest spindle speed) is 24000, the file says 36000 rpm"),
+                                    HasSubstr("$111 (Y speed) is 15000, the file says 30000 mm/min"),
+                                    HasSubstr("$132 (Z travel) is 370, the file says 365 mm")));
+  }
+  EXPECT_EQ(rig.machine.result().lines, 0);
+  EXPECT_THAT(setting_differences({{13, 1}, {32, 1}}, machine), testing::SizeIs(2)) << "inches and laser mode are never right";
+}
+
+// --- The operator ---
+
+TEST(Streamer, PausesWhereTheOperatorWants) {
+  StreamOptions options = quick();
+  std::vector<std::string> asked;
+  options.on_operator = [&](const std::string& what) {
+    asked.push_back(what);
+    return true;
+  };
+  options.pause_before = [](const ProgramLine& line, std::string_view before) {
+    return line.number == 3 || is_optional_stop(before);
+  };
+  const std::string program = "G21 G90\nG0 X1\nG0 X2\nG0 X3 M01\nG0 X9\nM2\n";
+  const Outcome outcome = stream(program, test::no_stock(), options);
+  EXPECT_TRUE(outcome.stream.done()) << outcome.stream.message;
+  EXPECT_THAT(asked, testing::ElementsAre("before line 3: G0 X2", "before line 5: G0 X9"));
+  EXPECT_EQ(outcome.machine.received_digest, program_digest(program));
+
+  options.on_operator = [&](const std::string&) { return false; };
+  const Outcome stopped = stream(program, test::no_stock(), options);
+  EXPECT_EQ(stopped.stream.end, StreamEnd::kStopped);
+  EXPECT_EQ(stopped.machine.lines, 2) << "nothing behind the pause was sent";
+  // Single block.
+  asked.clear();
+  options.on_operator = [&](const std::string& what) {
+    asked.push_back(what);
+    return true;
+  };
+  options.pause_before = [](const ProgramLine&, std::string_view) { return true; };
+  EXPECT_TRUE(stream(program, test::no_stock(), options).stream.done());
+  EXPECT_EQ(asked.size(), 6U);
+}
+
+TEST(Streamer, TheOperatorsKeysActAtOnce) {
+  SimulationOptions simulation = test::no_stock();
+  simulation.time_factor = 1;
+  test::Lockstep rig(simulation, {.baud = 115200, .faults = {}});
+  StreamOptions options = quick();
+  int asked = 0;
+  options.on_operator = [&](const std::string&) { return ++asked > 0; };
+  // Held from second 3 to 63, then twice as quick.
+  int pressed = 0;
+  options.commands = [&]() -> std::string {
+    if (pressed == 0 && rig.clock.now() > std::chrono::seconds(3)) return ++pressed, "!";
+    if (pressed == 1 && rig.clock.now() > std::chrono::seconds(63)) return ++pressed, "~" + std::string(10, '\x91');
+    return "";
+  };
+  const StreamResult result = stream_program(rig.link, "G21 G90\nG1 X20 F60\nG1 X30\nG1 X40\nM2\n", options);
+  EXPECT_TRUE(result.done()) << result.message;
+  EXPECT_EQ(asked, 0) << "who held it knows why it stands";
+  // 50 s at F60 in all: 3 - 0.5 or so of them before the hold, the rest at half the time.
+  EXPECT_NEAR(result.seconds, 3 + 60 + 47.5 / 2, 1);
+}
+
 TEST(Streamer, JournalHasEveryLine) {
   std::vector<std::string> journal;
   StreamOptions options = quick();
