@@ -13,6 +13,7 @@
 #include <optional>
 
 #include "cli/digest.h"
+#include "cli/errors_file.h"
 #include "cli/job.h"
 #include "cli/operator_keys.h"
 #include "cli/pages.h"
@@ -22,6 +23,7 @@
 #include "cli/simulation.h"
 #include "cli/stage_runs.h"
 #include "cli/stages.h"
+#include "cli/study.h"
 #include "cli/trace_command.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
@@ -165,6 +167,18 @@ int make(const Common& common, const std::string& job_path, const std::string& o
   write_pages(job, folder);
   print_summary(folder, progress);
   return last == Stage::kDryRun ? verdict(folder) : kExitDone;
+}
+
+/// A what-if study of a job; what it needs of the chain is made first, or kept.
+int study(const Common& common, const std::string& what, const std::string& job_path, const std::string& out, const StudyOptions& options) {
+  if (const int code = make(common, job_path, out, "post"); code != kExitDone) return code;
+  Progress progress(common.style());
+  const RunFolder folder(out, false);
+  const Job job = job_of(folder);
+  (what == "cusp" ? study_cusp : study_errors)(job, folder, options, progress.stage("study"));
+  progress.done();
+  progress.say("study:    " + folder.file("study/study_" + what + ".html").string());
+  return kExitDone;
 }
 
 int run_stages(const Common& common, const std::string& dir, const std::vector<Stage>& stages, const ShopOverrides& overrides = {}) {
@@ -357,6 +371,7 @@ struct ShopOptions {
   std::string blank;
   std::vector<std::string> keep_outs;
   std::string origin;
+  std::string errors;
   int work_offset = 54;
   double pitch_um = 20;
   double time_factor = 0;
@@ -372,6 +387,7 @@ struct ShopOptions {
     app->add_option("--keep-out", keep_outs, "a clamp or jaw as x0,y0,z0,x1,y1,z1 in mm, workpiece frame; as many as there are");
     app->add_option("--origin", origin, "where the blank's back centre stands, machine frame, x,y,z in mm (default: the table's centre)");
     app->add_option("--work-offset", work_offset, "the offset that is zeroed on the workpiece, 54 to 59")->check(CLI::Range(54, 59));
+    app->add_option("--errors", errors, "file with the keys of [dry_run.errors]: how the true machine differs from its file");
     app->add_option("--pitch-um", pitch_um, "grid of the simulated stock in micrometres")->check(CLI::Range(1.0, 1000.0));
     app->add_option("--time-factor", time_factor, "0: as fast as it can, 1: real time")->check(CLI::Range(0.0, 1e6));
     app->add_option("--pace-baud", pace_baud, "pace the simulated line; 0: not paced")->check(CLI::Range(0, 4000000));
@@ -391,6 +407,11 @@ struct ShopOptions {
     result.workpiece_origin_mm = origin.empty() ? work_on_table(read_machine(result.machine_file), Vec3::Zero(), work_offset).origin_mm
                                                 : parse_three(origin, ',', "--origin", "0,0,-420");
     result.work_offset = work_offset;
+    if (!errors.empty()) {
+      TomlTable table = TomlTable::from_file(errors);
+      result.errors = read_machine_errors(table);
+      table.finish();
+    }
     result.pitch_um = pitch_um;
     result.time_factor = time_factor;
     result.baud = pace_baud;
@@ -469,7 +490,7 @@ int run_command_line(int argc, char** argv) {
     if (!shop.machine.empty()) overrides.machine_file = fs::absolute(shop.machine);
     for (const auto& file : shop.cutters) overrides.cutter_files.push_back(fs::absolute(file));
     if (dry->count("--work-offset") > 0) overrides.work_offset = shop.work_offset;
-    for (const char* option : {"--blank", "--keep-out", "--origin", "--pitch-um", "--time-factor", "--pace-baud"}) {
+    for (const char* option : {"--blank", "--keep-out", "--origin", "--errors", "--pitch-um", "--time-factor", "--pace-baud"}) {
       if (dry->count(option) > 0) throw InputError(std::string(option) + " belongs to program files; a run folder's job.toml says it");
     }
     return run_stages(common, programs[0], {Stage::kDryRun}, overrides);
@@ -501,6 +522,19 @@ int run_command_line(int argc, char** argv) {
     serve_machine(shop.shop(), fs::absolute(link), fs::absolute(out), stop_requested);
     return int{kExitDone};
   });
+
+  StudyOptions studied;
+  std::string study_what;
+  sub = command("study", "what-if: which cusps are good enough for the picture, which machine errors hurt it most",
+                "study cusp portrait.toml -o out\n         lightmill study errors portrait.toml -o out --pitch-um 80");
+  sub->add_option("what", study_what, "cusp or errors")->required()->check(CLI::IsMember({"cusp", "errors"}));
+  sub->add_option("job", job, "job file (.toml), picture or drawing")->required();
+  sub->add_option("-o,--out", out, "run folder; what it holds of the job is kept, the study goes into its study/")->required();
+  sub->add_option("--pitch-um", studied.pitch_um, "grid of the simulated stock in micrometres")->check(CLI::Range(5.0, 1000.0));
+  sub->add_option("--cusps-um", studied.cusps_um, "cusp heights to plan")->check(CLI::Range(0.05, 100.0));
+  sub->add_option("--polish-um", studied.polish_sigmas_um, "polish depths (sigma)")->check(CLI::Range(0.0, 10000.0));
+  sub->add_option("--seeds", studied.seeds, "draws of the errors' signs; the worst counts (1: signs as given)")->check(CLI::Range(1, 100));
+  on(sub, [&] { return study(common, study_what, job, out, studied); });
 
   std::vector<std::string> gallery_folders;
   std::string gallery_file;

@@ -2,16 +2,14 @@
 #include <chrono>
 #include <map>
 
-#include "cam/outline_region.h"
 #include "cli/digest.h"
-#include "cli/job_light.h"
+#include "cli/machined_light.h"
 #include "cli/pictures.h"
 #include "cli/simulation.h"
 #include "cli/spline_file.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
-#include "design/core/parallel.h"
 #include "design/core/text.h"
 #include "machine/dry_run.h"
 #include "postproc/kinematics.h"
@@ -56,20 +54,6 @@ Fault surface_fault(const std::string& kind, const std::string& message, const V
   return fault;
 }
 
-/// Outside the outline the designed surface, so that the polish's low-pass does not draw the slot around the part into its
-/// rim.
-void go_on_outside(Grid<float>& heights, const MachinedSurface& machined, const SplineSurface& design, const Outline& outline) {
-  const OutlineRegion part(outline, -0.02);
-  parallel_blocks(heights.height, 16, [&](std::size_t begin, std::size_t end) {
-    for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
-      for (int i = 0; i < heights.width; ++i) {
-        const Vec2 p = machined.extent.min + machined.pitch_mm * Vec2(i, j);
-        if (!part.contains(p)) heights.at(i, j) = static_cast<float>(design.height(p.x(), p.y()));
-      }
-    }
-  });
-}
-
 }  // namespace
 
 StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& monitor, const ShopOverrides& overrides) {
@@ -92,6 +76,7 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   shop.work_offset = overrides.work_offset.value_or(job.machine.work_offset);
   shop.workpiece_origin_mm = work_on_table(read_machine(job.machine.file), overrides.workpiece_origin_mm.value_or(job.machine.workpiece_origin_mm),
                                            shop.work_offset).origin_mm;
+  shop.errors = job.dry_run.errors;
   shop.pitch_um = job.dry_run.pitch_um;
   shop.time_factor = job.dry_run.time_factor;
   // grblHAL is fed over a wire; the other controls run files.
@@ -107,10 +92,8 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   DeviationOptions deviation_options;
   deviation_options.finishing_ball_radius_mm = job.finish.cutter.radius_mm();
   deviation_options.gouge_tolerance_um = job.dry_run.gouge_tolerance_um;
-  Scene scene = scene_of(job);
-  const Outline outline = outline_of(scene.lens);
-  const bool beside_lens = outline.shape != Outline::Shape::kRectangle || (shop.blank.size_mm - job.lens.size_mm).maxCoeff() > 0;
-  if (beside_lens) deviation_options.outline = outline;
+  const MachinedLight light(job, design, shop.blank);
+  deviation_options.outline = light.outline_if_beside();
   const Deviation deviation = measure_deviation(machined, design, deviation_options, monitor.part(0.8, 0.88));
   if (deviation.max_gouge_um > job.dry_run.gouge_tolerance_um) {
     faults.push_back(surface_fault("gouge", "cut " + fixed(deviation.max_gouge_um, 2) + " um below the reachable surface at " +
@@ -126,25 +109,16 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   write_deviation_picture(folder.file("dry_run/deviation.png"), deviation.deviation_um, range);
 
   // Light through the machined surface, raw and polished.
-  const TargetLight target = target_of(job);
-  const double white = display_white(target);
-  if (beside_lens && scene.lens.shape == Lens::Shape::kRectangle) {
-    scene.lens.shape = Lens::Shape::kOutline;
-    scene.lens.outline_mm = {outline_places(outline, job.lens.size_mm.maxCoeff())};
-  }
-  CausticOptions options;
-  options.angular_diameter_rad = job.light.angular_diameter_rad;
+  const double white = display_white(light.target());
   const auto cast = [&](const Grid<float>& heights, const char* picture, const Monitor& part) {
-    const Caustic caustic = trace_heights(heights, machined.extent, scene.lens, scene.light, job.receiver, target.extent, options, part);
+    const Caustic caustic = light.cast(heights, machined.extent, part);
     write_png8(folder.file(picture), display_picture(caustic.flux, job.receiver.viewed_from, white));
-    return to_json(measure_caustic(caustic, target));
+    return to_json(measure_caustic(caustic, light.target()));
   };
   StageResult result;
   json& report = result.report["dry_run"];
   report["caustic"]["raw"] = cast(machined.heights_mm, "dry_run/caustic_machined_raw.png", monitor.part(0.88, 0.93));
-  Grid<float> heights = machined.heights_mm;
-  if (beside_lens) go_on_outside(heights, machined, design, outline);
-  report["caustic"]["polished"] = cast(polish(heights, machined.pitch_mm, job.dry_run.polish_sigma_um),
+  report["caustic"]["polished"] = cast(light.polished(machined, job.dry_run.polish_sigma_um),
                                        "dry_run/caustic_machined.png", monitor.part(0.93, 1));
 
   json list = json::array();

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "cli/errors_file.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/toml_table.h"
@@ -334,7 +335,9 @@ void read_dry_run(TomlTable table, Job& job) {
   o.cusp_limit_um = table.number_in("cusp_limit_um", promise, 0, 10000);
   o.time_factor = table.number_in("time_factor", o.time_factor, 0, 1e6);
   not_yet(table, "faults", "plant faults by dry-run's --machine, --cutters and --work-offset");
-  not_yet(table, "error_model", "leave it out");
+  not_yet(table, "error_model", "use [dry_run.errors]");
+  TomlTable errors = table.table("errors");
+  o.errors = read_machine_errors(errors);
 }
 
 void read_stream(TomlTable table, Job& job) {
@@ -646,6 +649,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                             .put("gouge_tolerance_um", job.dry_run.gouge_tolerance_um)
                             .put("cusp_limit_um", job.dry_run.cusp_limit_um)
                             .put("time_factor", job.dry_run.time_factor);
+  sections["dry_run"] += machine_errors_text(job.dry_run.errors, "errors.");
   sections["stream"] = Section().put("port", job.stream.port).put("baud", job.stream.baud).put("protocol", "grblhal");
   return sections;
 }

@@ -18,6 +18,7 @@
 #include "design/surface.h"
 #include "design/target.h"
 #include "design/transport.h"
+#include "machine/machine_errors.h"
 
 namespace lightmill {
 
@@ -94,6 +95,7 @@ struct DryRunSpec {
   double gouge_tolerance_um = 1;        ///< deeper below the reachable surface is a fault
   double cusp_limit_um = 1.5;           ///< higher where the surface is reachable is a fault
   double time_factor = 0;               ///< 0: the simulated machine runs as fast as it can
+  MachineErrors errors;                 ///< of the simulated machine
 };
 
 struct StreamSpec {

@@ -7,6 +7,7 @@
 
 #include "cli/child_process.h"
 #include "cli/commands.h"
+#include "cli/errors_file.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/text.h"
@@ -94,7 +95,8 @@ struct LinkGuard {
 /// What the operator has put on the machine.
 OperatorSetup setup_of(const SimulatedShop& shop) {
   OperatorSetup setup;
-  for (const auto& file : shop.cutter_files) setup.cutters.push_back(read_cutter(file));
+  for (const auto& file : shop.cutter_files) setup.cutters.push_back(as_it_turns(read_cutter(file), shop.errors));
+  setup.errors = shop.errors;
   setup.blank = shop.blank;
   setup.workpiece_origin_mm = shop.workpiece_origin_mm;
   setup.work_offset = shop.work_offset;
@@ -214,10 +216,14 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
   const fs::path link = out / "port";
   const fs::path log = out / "machine.log";
-  for (const char* stale : {"port", "machined.tif", "machined_peaks.tif", "result.json"}) fs::remove(out / stale, error);
+  for (const char* stale : {"port", "machined.tif", "machined_peaks.tif", "result.json", "errors.toml"}) fs::remove(out / stale, error);
 
   // The machine lives in another process and is reached as a serial port is.
   std::vector<std::string> arguments = machine_arguments(shop, link, out);
+  if (const std::string errors = machine_errors_text(shop.errors, ""); errors != machine_errors_text({}, "")) {
+    write_whole(out / "errors.toml", errors);
+    arguments.push_back("--errors=" + (out / "errors.toml").string());
+  }
   arguments.insert(arguments.begin(), fs::read_symlink("/proc/self/exe").string());
   const LinkGuard guard{link};
   ChildProcess child(arguments, log);
@@ -317,7 +323,7 @@ SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string
   std::error_code error;
   fs::create_directories(out, error);
   if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
-  for (const char* stale : {"machined.tif", "machined_peaks.tif", "result.json"}) fs::remove(out / stale, error);
+  for (const char* stale : {"machined.tif", "machined_peaks.tif", "result.json", "errors.toml"}) fs::remove(out / stale, error);
   const MachineModel machine = read_machine(shop.machine_file);
   const OperatorSetup setup = setup_of(shop);
   StockOptions stock;

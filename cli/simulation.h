@@ -13,6 +13,7 @@
 #include "cli/timing_report.h"
 #include "design/core/geometry.h"
 #include "design/core/monitor.h"
+#include "machine/machine_errors.h"
 #include "machine/motion.h"
 #include "machine/streamer.h"
 
@@ -25,6 +26,7 @@ struct SimulatedShop {
   Blank blank;
   Vec3 workpiece_origin_mm = Vec3::Zero();  ///< machine frame, joints at zero
   int work_offset = 54;                     ///< the one the operator has zeroed on the workpiece
+  MachineErrors errors;                     ///< how the true machine differs from its file
   double pitch_um = 20;                     ///< of the stock's grid
   double time_factor = 0;                   ///< 0: as fast as it can
   int baud = 0;                             ///< 0: not paced

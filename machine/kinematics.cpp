@@ -32,11 +32,66 @@ Eigen::Matrix3d WorkpieceView::Turn::matrix(double angle_rad) const {
 }
 
 WorkpieceView::WorkpieceView(const MachineModel& machine, const Vec3& workpiece_origin_mm)
+    : WorkpieceView(machine, workpiece_origin_mm, {}) {}
+
+WorkpieceView::WorkpieceView(const MachineModel& machine, const Vec3& workpiece_origin_mm, const MachineErrors& errors)
     : outer_{machine.outer.axis.normalized(), machine.outer.point_mm, machine.outer.direction},
       inner_{machine.inner.axis.normalized(), machine.inner.point_mm, machine.inner.direction},
       origin_(workpiece_origin_mm),
-      chain_(machine.chain) {
+      chain_(machine.chain),
+      errors_(drawn(errors)),
+      erring_(errors.moves_the_tip()) {
+  outer_.point += errors_.errors.outer_pivot_mm;
+  inner_.point += errors_.errors.inner_pivot_mm;
   turn(0, 0);
+}
+
+WorkpieceView::Axes WorkpieceView::play() const {
+  const MachineErrors& e = errors_.errors;
+  return {e.backlash_mm.x(), e.backlash_mm.y(), e.backlash_mm.z(), e.outer_backlash_rad, e.inner_backlash_rad};
+}
+
+/// Where the axes really go, at elapsed_s_: each follows its drive once the play is taken up.
+JointPosition WorkpieceView::erred(const JointPosition& commanded, double length_mm) {
+  const MachineErrors& e = errors_.errors;
+  Axes q{commanded.x_mm, commanded.y_mm, commanded.z_mm, commanded.outer_rad, commanded.inner_rad};
+  const Axes lost = play();
+  for (std::size_t i = 0; i < 5; ++i) {
+    q[i] = has_moved_ ? std::clamp(followed_[i], q[i] - lost[i] / 2, q[i] + lost[i] / 2) : q[i];
+  }
+  followed_ = q;
+  has_moved_ = true;
+  // From where the workpiece was zeroed.
+  const Vec3 from = Vec3(q[0], q[1], q[2] - length_mm) - origin_;
+  Vec3 off = e.scale.cwiseProduct(from);
+  off.x() += e.squareness_rad[0] * from.y() + e.squareness_rad[1] * from.z();
+  off.y() += e.squareness_rad[2] * from.z();
+  off += e.drift_mm * -std::expm1(-elapsed_s_ / (3600 * e.drift_hours));
+  off += e.vibration_mm * std::sin(2 * kPi * e.vibration_hz * elapsed_s_ + errors_.phase_rad);
+  return {q[0] + off.x(), q[1] + off.y(), q[2] + off.z(), q[3], q[4]};
+}
+
+/// Where a motion of at least `count` pieces is cut: evenly, as finely as a vibration asks for, and where an axis has taken
+/// up its play.
+std::vector<double> WorkpieceView::shares(const Motion& motion, int count) const {
+  constexpr double kPiecesPerPeriod = 12;
+  constexpr double kMostPieces = 100000;
+  if (!errors_.errors.vibration_mm.isZero(0)) {
+    count = static_cast<int>(std::min(kMostPieces, std::max<double>(count, std::ceil(motion.seconds * errors_.errors.vibration_hz * kPiecesPerPeriod))));
+  }
+  std::vector<double> cuts;
+  for (int i = 1; i <= count; ++i) cuts.push_back(i == count ? 1 : static_cast<double>(i) / count);
+  const Axes lost = play();
+  const Axes a{motion.from.x_mm, motion.from.y_mm, motion.from.z_mm, motion.from.outer_rad, motion.from.inner_rad};
+  const Axes b{motion.to.x_mm, motion.to.y_mm, motion.to.z_mm, motion.to.outer_rad, motion.to.inner_rad};
+  for (std::size_t i = 0; i < 5; ++i) {
+    const double way = b[i] - a[i];
+    if (lost[i] == 0 || way == 0 || !has_moved_) continue;
+    const double taken_up = (followed_[i] + (way > 0 ? lost[i] : -lost[i]) / 2 - a[i]) / way;
+    if (taken_up > 1e-9 && taken_up < 1 - 1e-9) cuts.push_back(taken_up);
+  }
+  std::sort(cuts.begin(), cuts.end());
+  return cuts;
 }
 
 void WorkpieceView::turn(double outer_rad, double inner_rad) {
@@ -112,6 +167,21 @@ void WorkpieceView::sweep(const Motion& motion, double length_mm, const SweepTol
   piece.line = motion.line;
   piece.rapid = motion.rapid;
   piece.spindle_on = motion.spindle_on;
+  if (erring_) {
+    elapsed_s_ += motion.stood_s;
+    piece.from = cutter(erred(a, length_mm), length_mm);
+    const double begin_s = elapsed_s_;
+    double before = 0;
+    for (const double share : shares(motion, count)) {
+      elapsed_s_ = begin_s + share * motion.seconds;
+      piece.seconds = (share - before) * motion.seconds;
+      piece.to = cutter(erred(between(a, b, share), length_mm), length_mm);
+      pieces.push_back(piece);
+      piece.from = piece.to;
+      before = share;
+    }
+    return;
+  }
   piece.seconds = motion.seconds / count;
   piece.from = cutter(a, length_mm);
   for (int i = 1; i <= count; ++i) {

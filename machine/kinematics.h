@@ -2,8 +2,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <vector>
 
+#include "machine/machine_errors.h"
 #include "machine/motion.h"
 
 namespace lightmill {
@@ -24,6 +26,9 @@ class WorkpieceView {
   /// `workpiece_origin_mm`: where the workpiece frame's origin stands, machine frame, all joints at zero (axes
   /// parallel).
   WorkpieceView(const MachineModel& machine, const Vec3& workpiece_origin_mm);
+  /// The same for a machine with errors, which sweep() follows through the motions in their order: lost motion, drift and
+  /// vibration have a history.
+  WorkpieceView(const MachineModel& machine, const Vec3& workpiece_origin_mm, const MachineErrors& errors);
 
   /// Tip and axis in the workpiece frame for a cutter that reaches `length_mm` below the gauge point.
   ToolPose cutter(const JointPosition& joints, double length_mm);
@@ -49,6 +54,17 @@ class WorkpieceView {
   Vec3 shift_;
   Vec3 spindle_, head_shift_;  ///< of the turned head: tip - gauge point = head_shift_ - length * spindle_
   void turn(double outer_rad, double inner_rad);
+
+  // What the errors have made of the machine so far.
+  using Axes = std::array<double, 5>;
+  DrawnErrors errors_;
+  bool erring_ = false;
+  double elapsed_s_ = 0;
+  Axes followed_{};        ///< where the axes are, lost motion included
+  bool has_moved_ = false;
+  [[nodiscard]] Axes play() const;
+  JointPosition erred(const JointPosition& commanded, double length_mm);
+  [[nodiscard]] std::vector<double> shares(const Motion& motion, int count) const;
 };
 
 }  // namespace lightmill

@@ -126,11 +126,14 @@ void MotionTimer::move(const Motion& motion, const SweptMove& first, const Swept
     made.acceleration = std::min(made.acceleration, top_acceleration_[i] / std::abs(made.per_length[i]));
   }
   block.nominal = made.length / std::max({motion.seconds, quickest, 1e-9});
-  // The pieces are equal shares of the block.
+  // What share of the block a piece is, its time says.
   const bool one_piece = first.from.tip_mm == last.from.tip_mm;
-  const double pieces = one_piece ? 1 : std::max(1.0, std::round(motion.seconds / std::max(first.seconds, 1e-12)));
-  block.tip_first = (first.to.tip_mm - first.from.tip_mm) * (pieces / made.length);
-  block.tip_last = (last.to.tip_mm - last.from.tip_mm) * (pieces / made.length);
+  const auto tip_per_length = [&](const SweptMove& piece) -> Vec3 {
+    const double share = one_piece || !(piece.seconds > 0) ? 1 : piece.seconds / motion.seconds;
+    return (piece.to.tip_mm - piece.from.tip_mm) / (share * made.length);
+  };
+  block.tip_first = tip_per_length(first);
+  block.tip_last = tip_per_length(last);
   made.tip_mm = one_piece ? (last.to.tip_mm - first.from.tip_mm).norm()
                           : (block.tip_first.norm() + block.tip_last.norm()) / 2 * made.length;
 

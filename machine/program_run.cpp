@@ -25,12 +25,14 @@ JointPosition position(const AxisValues& q) {
 
 class Runner {
  public:
-  Runner(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup, const StockOptions& options)
+  Runner(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup, const StockOptions& options,
+         const std::function<void(const Motion&)>& on_motion)
       : machine_(machine),
         dialect_(dialect),
         setup_(setup),
-        view_(machine, setup.workpiece_origin_mm),
+        view_(machine, setup.workpiece_origin_mm, setup.errors),
         timer_(machine),
+        on_motion_(on_motion),
         stock_(setup.blank, options) {
     at_[2] = machine.retract_z_mm;
     const Vec3& zero = setup.workpiece_origin_mm;
@@ -168,6 +170,7 @@ class Runner {
     pieces_.clear();
     view_.sweep(motion, tool_ ? tool_->length_mm : 0, {}, pieces_);
     timer_.move(motion, pieces_.front(), pieces_.back());
+    if (on_motion_) on_motion_(motion);
     if (tool_ != nullptr) stock_.move(pieces_);
   }
 
@@ -209,6 +212,7 @@ class Runner {
   const OperatorSetup& setup_;
   WorkpieceView view_;
   MotionTimer timer_;
+  const std::function<void(const Motion&)>& on_motion_;
   detail::StockWorker stock_;
   ReaderSetup reader_;
   ProgramRun result_;
@@ -225,8 +229,9 @@ class Runner {
 }  // namespace
 
 ProgramRun run_programs(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup,
-                        const std::vector<ProgramFile>& programs, const StockOptions& options, const Monitor& monitor) {
-  Runner runner(machine, dialect, setup, options);
+                        const std::vector<ProgramFile>& programs, const StockOptions& options, const Monitor& monitor,
+                        const std::function<void(const Motion&)>& on_motion) {
+  Runner runner(machine, dialect, setup, options, on_motion);
   for (std::size_t i = 0; i < programs.size(); ++i) {
     const auto count = static_cast<double>(programs.size());
     const auto index = static_cast<double>(i);

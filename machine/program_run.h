@@ -26,9 +26,9 @@ struct ProgramRun {
 
 /// One after the other, each from where the last has left the machine. The tool table holds the magazine's true lengths
 /// and one work offset the workpiece's true place. Stops at the first thing the control does not understand or that
-/// leaves the travels. Cutters cut when M3 has had `spindle_start_s` to reach its speed.
+/// leaves the travels. Cutters cut when M3 has had `spindle_start_s` to reach its speed. `on_motion` hears every motion.
 ProgramRun run_programs(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup,
                         const std::vector<ProgramFile>& programs, const StockOptions& options = {},
-                        const Monitor& monitor = {});
+                        const Monitor& monitor = {}, const std::function<void(const Motion&)>& on_motion = {});
 
 }  // namespace lightmill

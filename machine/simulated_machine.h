@@ -13,6 +13,7 @@
 #include "cam/cutter.h"
 #include "machine/cable.h"
 #include "machine/clock.h"
+#include "machine/machine_errors.h"
 #include "machine/motion.h"
 #include "machine/stock_model.h"
 #include "postproc/machine_model.h"
@@ -25,6 +26,7 @@ struct OperatorSetup {
   Blank blank;
   Vec3 workpiece_origin_mm = Vec3::Zero();  ///< where the blank's back centre stands: machine frame, joints at zero
   int work_offset = 54;                     ///< the offset the operator has zeroed on it; the others are zero
+  MachineErrors errors{};                   ///< how the true machine differs from its file; cutters as they turn
 };
 
 /// Whose manners the control has on the wire.

@@ -445,6 +445,10 @@ StockModel::StockModel(const Blank& blank, const StockOptions& options)
 
 StockModel::~StockModel() = default;
 
+void StockModel::lower_to(const std::function<double(const Vec2&)>& height_mm) {
+  impl_->field.lower_to(height_mm);
+}
+
 void StockModel::set_cutter(const Cutter& cutter) {
   if (!(cutter.diameter_mm > 0) || cutter.corner_radius_mm < 0) {
     throw InputError("cutter '" + cutter.name + "': diameter_mm must be above 0 and corner_radius_mm at least 0, not " +

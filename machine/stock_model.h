@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -36,6 +37,8 @@ class StockModel {
   StockModel(const StockModel&) = delete;
   StockModel& operator=(const StockModel&) = delete;
 
+  /// A blank that was milled before: nothing stands higher than this. Before the first move.
+  void lower_to(const std::function<double(const Vec2&)>& height_mm);
   /// The cutter that the next moves use.
   void set_cutter(const Cutter& cutter);
   /// A move of the current cutter: feed moves cut; rapids must not touch. Shank and holder must never touch. Faults are of the

@@ -26,7 +26,7 @@ Mill::Mill(const MachineModel& machine, const OperatorSetup& setup, const Simula
       setup_(setup),
       options_(options),
       clock_(options.clock != nullptr ? options.clock : &wall_clock()),
-      view_(machine, setup.workpiece_origin_mm) {
+      view_(machine, setup.workpiece_origin_mm, setup.errors) {
   if (options_.remove_stock) stock_ = std::make_unique<StockWorker>(setup_.blank, options_.stock);
   joints_.x_mm = std::clamp(0.0, machine_.x.min_mm, machine_.x.max_mm);
   joints_.y_mm = std::clamp(0.0, machine_.y.min_mm, machine_.y.max_mm);

@@ -46,6 +46,22 @@ StockField::StockField(const Blank& blank, double pitch_mm) : pitch_mm_(pitch_mm
   }
 }
 
+void StockField::lower_to(const std::function<double(const Vec2&)>& height_mm) {
+  parallel_blocks(heights_.height, kTileNodes, [&](std::size_t begin, std::size_t end) {
+    for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
+      for (int i = 0; i < heights_.width; ++i) {
+        float& height = heights_.at(i, j);
+        height = std::min(height, static_cast<float>(height_mm({x(i), y(j)})));
+      }
+    }
+  });
+  const TileRange all{0, pyramid_.front().width - 1, 0, pyramid_.front().height - 1};
+  for (int tj = 0; tj <= all.j1; ++tj) {
+    for (int ti = 0; ti <= all.i1; ++ti) pyramid_.front().at(ti, tj) = highest_node_of_tile(ti, tj);
+  }
+  refresh_pyramid(all);
+}
+
 StockField::TileRange StockField::tiles(const Box2& rectangle) const {
   const double left = (rectangle.min.x() - extent_.min.x()) / pitch_mm_;
   const double right = (rectangle.max.x() - extent_.min.x()) / pitch_mm_;

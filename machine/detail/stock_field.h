@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -24,6 +25,8 @@ inline constexpr int kTileNodes = 16;                    ///< tiles of the fines
 class StockField {
  public:
   StockField(const Blank& blank, double pitch_mm);
+
+  void lower_to(const std::function<double(const Vec2&)>& height_mm);
 
   /// Removes what the sweeps cover, on all threads. The least height wins, so neither order nor threads matter; of
   /// equal heights the first counts as the maker.

@@ -127,6 +127,25 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   EXPECT_THAT(again.err, HasSubstr("dry-run: nothing changed, kept"));
   EXPECT_EQ(report_of(run), report);
 
+  // Studies keep what the folder holds. Coarser cusps take less time and show more where nothing is polished.
+  const std::string job = tiny_job(scratch).string();
+  const CommandResult cusps = lightmill_command({"study", "cusp", job, "-o", run, "--pitch-um", "40", "--cusps-um", "2", "10", "--polish-um", "0", "150"});
+  ASSERT_EQ(cusps.code, 0) << cusps.err;
+  EXPECT_THAT(cusps.err, HasSubstr("post: nothing changed, kept"));
+  const json rows = json::parse(slurp(run + "/study/study_cusp.json")).at("rows");
+  ASSERT_EQ(rows.size(), 2U);
+  EXPECT_GT(rows[0].at("minutes").get<double>(), 1.5 * rows[1].at("minutes").get<double>());
+  EXPECT_LT(rows[0].at("l1_error")[0].at("l1_error"), rows[1].at("l1_error")[0].at("l1_error"));
+  EXPECT_THAT(slurp(run + "/study/study_cusp.html"), HasSubstr("<polyline"));
+  const CommandResult errors = lightmill_command({"study", "errors", job, "-o", run, "--pitch-um", "80"});
+  ASSERT_EQ(errors.code, 0) << errors.err;
+  const json harms = json::parse(slurp(run + "/study/study_errors.json")).at("rows");
+  ASSERT_GT(harms.size(), 10U);
+  EXPECT_EQ(harms[0].at("error"), "none");
+  for (std::size_t k = 2; k < harms.size(); ++k) EXPECT_GE(harms[k - 1].at("harm"), harms[k].at("harm"));
+  EXPECT_THAT(slurp(run + "/study/study_errors.html"), HasSubstr("<rect"));
+  EXPECT_EQ(report_of(run), report);
+
   // A coarser finish: design stays, cam and what follows are made again.
   const CommandResult coarser = lightmill_command({"make", tiny_job(scratch, "cusp_um = 4", "cusp_um = 6").string(), "-o", run, "--until", "post"});
   EXPECT_EQ(coarser.code, 0) << coarser.err;
@@ -230,6 +249,12 @@ TEST(Chain, ADryRunIsNoEcho) {
   EXPECT_EQ(lightmill_command({"post", run}).code, 0);
   EXPECT_EQ(stream_code(), 2) << "posted again, not dry-run";
   EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
+
+  // A cutter 20 um too large: with its length measured at the tip it gouges beside it.
+  const std::string resolved = slurp(run + "/job.toml");
+  spill(run + "/job.toml", test::replaced(resolved, "errors.tool_radius_um = 0", "errors.tool_radius_um = 20"));
+  EXPECT_THAT(expect_fault("a wrong radius", {}), HasSubstr("gouge"));
+  spill(run + "/job.toml", resolved);
 
   // A later run that fails leaves no sheet that praises the programs of this one.
   const fs::path low = scratch / "low.toml";
