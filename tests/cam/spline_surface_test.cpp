@@ -291,6 +291,33 @@ TEST(FitSpline, GoesOnSmoothlyWhereTheMeshDoesNotReach) {
   EXPECT_LT(worst_um(fit.surface, cap), 100);  // curvature 1/150 not continued over 3 mm: 30 um
 }
 
+TEST(FitSpline, ALargeMeshIsFittedInSquaresWithoutSeams) {
+  // 400 x 40 spans, a corner of the rectangle without vertices.
+  const Box2 strip{{-60, -7}, {65, 5.5}};
+  const auto cap = [](double x, double y) { return std::sqrt(150.0 * 150 - x * x - y * y) - 130; };
+  SurfaceMesh mesh = slid_mesh(strip, 400, 0.3, cap);
+  std::erase_if(mesh.triangles, [&](const auto& t) { return mesh.vertices[t[0]].x() > 58; });
+  std::vector<int> kept(mesh.vertices.size(), -1);
+  SurfaceMesh part;
+  for (auto& triangle : mesh.triangles) {
+    for (int& v : triangle) {
+      if (kept[v] < 0) {
+        kept[v] = static_cast<int>(part.vertices.size());
+        part.vertices.push_back(mesh.vertices[v]);
+        part.normals.push_back(mesh.normals[v]);
+      }
+      v = kept[v];
+    }
+  }
+  part.triangles = mesh.triangles;
+  const SplineFit fit = fit_spline(part, strip);
+  EXPECT_EQ(fit.surface.spans_x(), 400);
+  for (double x = -59.9; x < 58; x += 0.123) {
+    for (double y = -6.9; y < 5.5; y += 0.71) EXPECT_NEAR(fit.surface.height(x, y), cap(x, y), 0.05e-3) << x << " " << y;
+  }
+  EXPECT_NEAR(fit.surface.height(62, -1), cap(62, -1), 0.1);
+}
+
 TEST(FitSpline, RefusesWhatIsNoHeightField) {
   const auto plane = [](double, double) { return 10.0; };
   SurfaceMesh mesh = slid_mesh(kPatch, 10, 0, plane);
