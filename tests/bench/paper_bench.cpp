@@ -1,7 +1,7 @@
 // The paper's five set-ups: paper_bench [portrait|rings|brain|logo|photo]... [--scale K] [--smooth]
-// [--out DIR]
+// [--picture-turns N] [--out DIR]
 // At full size, or with a mesh K times coarser and K^2 times fewer samples. --smooth: height fields without creases, and
-// without corrections by the picture, in folders of their own.
+// without corrections by the picture, in folders of their own; --picture-turns: so many corrections at most.
 // Designs each with the lightmill command in a process of its own and prints a row of the README's table per set-up;
 // run folders stay in DIR (default: paper in the temporary folder), for `lightmill gallery`.
 #include <sys/resource.h>
@@ -55,12 +55,15 @@ int main(int argc, char** argv) {
   fs::path out = fs::temp_directory_path() / "paper";
   int scale = 1;
   bool smooth = false;
+  int picture_turns = -1;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
     if (word == "--out" && i + 1 < argc) {
       out = argv[++i];
     } else if (word == "--scale" && i + 1 < argc) {
       scale = std::max(1, std::atoi(argv[++i]));
+    } else if (word == "--picture-turns" && i + 1 < argc) {
+      picture_turns = std::max(0, std::atoi(argv[++i]));
     } else if (word == "--smooth") {
       smooth = true;
     } else {
@@ -73,13 +76,15 @@ int main(int argc, char** argv) {
   std::printf("|---|---|---|---|---|---|---|---|---|\n");
   int failures = 0;
   for (const std::string& name : names) {
-    const std::string title = "paper_" + name + (smooth ? "_smooth" : "");
+    const std::string title =
+        "paper_" + name + (smooth ? "_smooth" : "") + (picture_turns >= 0 ? "_turns_" + std::to_string(picture_turns) : "");
     const fs::path folder = out / title;
     fs::remove_all(folder);
     lightmill::Job job = lightmill::read_job(std::string(LIGHTMILL_FIXTURES) + "/jobs/paper_" + name + ".toml");
     job.transport.samples /= scale * scale;
     job.surface.mesh = (job.surface.mesh - 1) / scale + 1;
     job.name = title;
+    if (picture_turns >= 0) job.surface.picture_turns = picture_turns;
     if (smooth) {
       job.surface.solver = lightmill::SurfaceSolver::kHeightField;
       job.surface.picture_turns = 0;
