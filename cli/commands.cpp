@@ -547,7 +547,7 @@ int run_command_line(int argc, char** argv) {
   });
 
   sub = command("trace", "light through any surface mesh", "trace surface.ply --job portrait.toml -o caustic.png");
-  sub->add_option("surface", traced.surface, "PLY, OBJ or STL mesh, mm, lens frame; walls and bottom are left out")->required();
+  sub->add_option("surface", traced.surface, "PLY, OBJ or STL mesh, mm, lens frame, fine as design/surface.ply (cam/lens.stl is too coarse for light); walls and bottom are left out")->required();
   sub->add_option("--job", traced.job, "job with target, lens, light and receiver")->required();
   sub->add_option("-o,--out", traced.picture, "picture to write (PNG)");
   sub->add_option("--pixels", traced.pixels, "along the picture's longer side")->check(CLI::Range(1, 16384));
