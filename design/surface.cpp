@@ -564,6 +564,8 @@ void close_picture_loop(const TargetLight& picture, const SurfaceOptions& option
   detail::PictureLoop::Errors errors = loop.errors(ends);
   std::vector<double>& history = surface.summary.picture_errors;
   history.push_back(errors.sum);
+  const std::vector<double>& missing = errors.missing.values;
+  if (std::all_of(missing.begin(), missing.end(), [](double m) { return m == 0; })) return;  // all light is for curves
   double share = 1;
   for (int turn = 0; turn < turns; ++turn) {
     monitor.report("correcting by the picture", static_cast<double>(turn) / turns);
