@@ -5,9 +5,10 @@
 #include <optional>
 
 #include "cam/detail/ball_passes.h"
-#include "cam/outline_region.h"
+#include "cam/detail/feeds.h"
 #include "cam/detail/tool_axis.h"
 #include "cam/detail/tool_clearance.h"
+#include "cam/outline_region.h"
 #include "design/core/errors.h"
 #include "design/core/text.h"
 
@@ -44,6 +45,7 @@ void check(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
   if (!(o.chord_tolerance_mm > 0 && o.longest_segment_mm > 0))
     refuse("chord tolerance and longest segment must be above 0");
   if (!(o.clearance_mm > 0 && o.link_feed_mm_per_s > 0)) refuse("clearance and link feed must be above 0");
+  if (!(o.max_feed_mm_per_s > 0 && o.acceleration_mm_per_s2 > 0)) refuse("highest feed and acceleration must be above 0");
   if (!(ball.feed_mm_per_s() > 0 && ball.plunge_feed_mm_per_s > 0))
     refuse("the cutter '" + ball.name + "' has no feeds");
   if (!(o.tilt_rad >= 0 && o.tilt_rad < kPi / 2)) refuse("tilt must be from 0 to below 90 degrees");
@@ -80,6 +82,7 @@ std::vector<Vec2> centres_over(const SplineSurface& surface, double radius_mm, s
 struct Vertex {
   Vec3 centre = Vec3::Zero();
   Vec3 axis = Vec3::UnitZ();
+  Vec3 normal = Vec3::UnitZ();  ///< of the surface where the ball rests
   bool landing = false;
 };
 
@@ -196,8 +199,9 @@ class Planner {
 
   [[nodiscard]] Vec3 axis_at(double x, double y) const { return lead_ ? lead_->axis(x, y) : axis_; }
 
-  [[nodiscard]] Vertex vertex(double x, double y, double z, double lift) const {
-    return {{x, y, z + lift}, axis_at(x, y), lift > 0};
+  [[nodiscard]] Vertex vertex(const PathPoint& p, double y, double lift) const {
+    const Vec2 away = (Vec2(p.x, y) - p.contact) / ball_.radius_mm();
+    return {{p.x, y, p.z + lift}, axis_at(p.x, y), {away.x(), away.y(), std::sqrt(std::max(0.0, 1 - away.squaredNorm()))}, lift > 0};
   }
 
   /// The way of a path, an infill piece with its landing and leaving curves, vertices close enough for a turning axis.
@@ -212,13 +216,13 @@ class Planner {
     const auto in_air = [&](double x) { return !options_.outline && (x <= box_.min.x() - radius_ - kBesideMm || x >= box_.max.x() + radius_ + kBesideMm); };
     if (lands && !in_air(begin - land)) {
       for (const PathPoint& p : detail::centre_path(ball_, path.y, begin - land, begin, tolerance_).points) {
-        if (p.x < begin) add(result, vertex(p.x, path.y, p.z, lift(begin - p.x)));
+        if (p.x < begin) add(result, vertex(p, path.y, lift(begin - p.x)));
       }
     }
-    for (const PathPoint& p : path.points) add(result, vertex(p.x, path.y, p.z, 0));
+    for (const PathPoint& p : path.points) add(result, vertex(p, path.y, 0));
     if (lands && !in_air(end + land)) {
       for (const PathPoint& p : detail::centre_path(ball_, path.y, end, end + land, tolerance_).points) {
-        if (p.x > end) add(result, vertex(p.x, path.y, p.z, lift(p.x - end)));
+        if (p.x > end) add(result, vertex(p, path.y, lift(p.x - end)));
       }
     }
     return result;
@@ -232,7 +236,7 @@ class Planner {
         const double x = (here.centre.x() + next.centre.x()) / 2;
         const double y = here.centre.y();
         const double chord = (here.centre.z() + next.centre.z()) / 2;
-        add(list, {{x, y, next.landing || here.landing ? chord : ball_.at(x, y).z}, axis_at(x, y), next.landing});
+        add(list, {{x, y, next.landing || here.landing ? chord : ball_.at(x, y).z}, axis_at(x, y), next.normal, next.landing});
         add(list, next);
         return;
       }
@@ -265,7 +269,11 @@ class Planner {
   void assemble(const std::vector<CentrePath>& paths, ToolPath& out) const {
     // A tooth advances at most a third of the way to the next pass.
     const double teeth_per_s = cutter_.spindle_rpm / 60 * cutter_.edges;
-    const double cut_feed = std::min(cutter_.feed_mm_per_s(), teeth_per_s * out.stepover_mm / 3);
+    const double most_feed = std::min(teeth_per_s * out.stepover_mm / 3, options_.max_feed_mm_per_s);
+    const auto feed_at = [&](const Vertex& v) {
+      const double angle = std::acos(std::clamp(v.axis.dot(v.normal), -1.0, 1.0));
+      return std::min(most_feed, detail::chip_feed(cutter_, out.stepover_mm, angle));
+    };
     const auto link = [&](const ToolPose& to) {
       out.moves.push_back({to, MoveKind::kLink, options_.link_feed_mm_per_s});
     };
@@ -282,7 +290,7 @@ class Planner {
       for (std::size_t i = 1; i < way.size(); ++i) {
         const bool landing = way[i - 1].landing && i <= way.size() / 2;
         out.moves.push_back({pose(way[i]), landing ? MoveKind::kPlunge : MoveKind::kCut,
-                             landing ? std::min(cut_feed, cutter_.plunge_feed_mm_per_s) : cut_feed});
+                             landing ? std::min(feed_at(way[i]), cutter_.plunge_feed_mm_per_s) : feed_at(way[i])});
       }
       if (k + 1 == paths.size()) break;
       // Up, back, down: just above the highest place on the way; a turning axis needs full clearance.
@@ -302,6 +310,7 @@ class Planner {
     }
     link(at_height(pose(way.back()), out.clearance_z_mm));
     out.moves.push_back({at_height(pose(way.back()), out.clearance_z_mm + options_.clearance_mm), MoveKind::kRapid, 0});
+    detail::limit_acceleration(out.moves, options_.acceleration_mm_per_s2);
   }
 
   const SplineSurface& surface_;
@@ -353,6 +362,8 @@ ContactSummary contact_summary(const SplineSurface& surface, const ToolPath& pat
   result.least_angle_rad = std::min(result.least_angle_rad, result.most_angle_rad);
   result.slowest_m_per_min = speed(result.least_angle_rad);
   result.fastest_m_per_min = speed(result.most_angle_rad);
+  result.least_diameter_mm = 2 * radius * std::sin(result.least_angle_rad);
+  result.most_diameter_mm = 2 * radius * std::sin(result.most_angle_rad);
   return result;
 }
 

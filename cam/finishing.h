@@ -25,6 +25,8 @@ struct FinishOptions {
   double chord_tolerance_mm = 5e-5;  ///< of the ball's centre path
   double longest_segment_mm = 0.2;
   double link_feed_mm_per_s = 80;  ///< kLink moves
+  double max_feed_mm_per_s = 100;  ///< of the tip in cutting moves, whatever the chip would allow
+  double acceleration_mm_per_s2 = 2000;  ///< of the tip in cutting moves
   double clearance_mm = 5;         ///< of the tip above the blank for rapids
   /// Only what lies within is finished, passes landing and leaving beside it; empty: the whole surface, passes from beside
   /// the blank to beside it.
@@ -42,6 +44,7 @@ ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const 
 struct ContactSummary {
   double least_angle_rad = 0, most_angle_rad = 0;       ///< between axis and normal
   double slowest_m_per_min = 0, fastest_m_per_min = 0;  ///< cutting speed at the contact, 2 pi R n sin(angle)
+  double least_diameter_mm = 0, most_diameter_mm = 0;   ///< of the circle the contact runs on, 2 R sin(angle)
   double cutting_mm = 0;                                ///< way of the tip in cutting moves: what wears the edge
 };
 /// Of cutting moves that touch within the lens, at every 20th of them.

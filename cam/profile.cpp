@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "cam/detail/feeds.h"
 #include "design/core/errors.h"
 #include "design/core/text.h"
 
@@ -37,7 +38,7 @@ struct Loop {
 class Cutout {
  public:
   Cutout(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const ProfileOptions& options)
-      : surface_(surface), blank_(blank), mill_(mill), options_(options), feed_(mill.feed_mm_per_s() / 2) {}
+      : surface_(surface), blank_(blank), mill_(mill), options_(options), feed_(std::min(mill.feed_mm_per_s() / 2, options.max_feed_mm_per_s)) {}
 
   ToolPath plan(const Outline& optical, const Monitor& monitor) {
     clearance_z_ = blank_.height_mm + options_.clearance_mm;
@@ -64,6 +65,7 @@ class Cutout {
     path.moves = std::move(moves_);
     const Vec3 end = path.moves.back().pose.tip_mm;
     path.moves.push_back({{{end.x(), end.y(), clearance_z_ + options_.clearance_mm}, Vec3::UnitZ()}, MoveKind::kRapid, 0});
+    detail::limit_acceleration(path.moves, options_.acceleration_mm_per_s2);
     monitor.report("cut-out planned", 1);
     return path;
   }

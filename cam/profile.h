@@ -18,6 +18,8 @@ struct ProfileOptions {
   double skin_mm = 0.1;            ///< left over the back everywhere, so that nothing below is cut
   double most_over_surface_mm = 1.5;  ///< earlier passes leave no more beside the optical surface
   double link_feed_mm_per_s = 80;
+  double max_feed_mm_per_s = 100;
+  double acceleration_mm_per_s2 = 2000;
   double clearance_mm = 5;
 };
 

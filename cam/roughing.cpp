@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "cam/detail/feeds.h"
 #include "design/core/errors.h"
 #include "design/core/grid.h"
 #include "design/core/parallel.h"
@@ -46,7 +47,7 @@ struct Offset {
 class Rougher {
  public:
   Rougher(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const RoughOptions& options)
-      : surface_(surface), blank_(blank), mill_(mill), options_(options), radius_(mill.radius_mm()) {
+      : surface_(surface), blank_(blank), mill_(mill), options_(options), radius_(mill.radius_mm()), cut_feed_(std::min(mill.feed_mm_per_s(), options.max_feed_mm_per_s)) {
     box_ = Box2::centred(blank.size_mm);
     block_nx_ = static_cast<int>(std::ceil(blank.size_mm.x() / kPitchMm));
     block_ny_ = static_cast<int>(std::ceil(blank.size_mm.y() / kPitchMm));
@@ -101,6 +102,7 @@ class Rougher {
     lift_to(clearance_z_);
     push(moves_.back().pose.tip_mm + Vec3(0, 0, options_.clearance_mm), MoveKind::kRapid, 0);
     path.moves = std::move(moves_);
+    detail::limit_acceleration(path.moves, options_.acceleration_mm_per_s2);
     monitor.report("roughing planned", 1);
     return path;
   }
@@ -268,7 +270,7 @@ class Rougher {
   /// From column `from` to `to`; the first one is clear of material.
   void mill_stretch(const std::vector<double>& wish, int j, int from, int to) {
     const int step = to >= from ? 1 : -1;
-    const double cut_feed = mill_.feed_mm_per_s();
+    const double cut_feed = cut_feed_;
     const double plunge_feed = std::min(cut_feed, mill_.plunge_feed_mm_per_s);
     approach(Vec3(x_of(from), y_of(j), wish[from]), from, j);
     struct Point {
@@ -333,7 +335,7 @@ class Rougher {
     const bool arrived = !moves_.empty() && (moves_.back().pose.tip_mm - start).norm() < 1e-9;
     if (out != i && !arrived) {
       approach_straight(Vec3(x_of(out), start.y(), start.z()), out, j);
-      push(start, MoveKind::kCut, mill_.feed_mm_per_s());
+      push(start, MoveKind::kCut, cut_feed_);
     } else {
       approach_straight(start, i, j);
     }
@@ -409,7 +411,7 @@ class Rougher {
   const Blank& blank_;
   const Cutter& mill_;
   const RoughOptions& options_;
-  double radius_;
+  double radius_, cut_feed_;
   Box2 box_;
   int block_nx_ = 0, block_ny_ = 0, rim_x_ = 0, rim_y_ = 0;
   double dx_ = 0, dy_ = 0;
@@ -434,6 +436,7 @@ ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const C
     refuse("stepover_mm must be from " + compact(kPitchMm, 3) + " to the cutter's diameter");
   }
   if (!(options.clearance_mm > 0 && options.link_feed_mm_per_s > 0)) refuse("clearance and link feed must be above 0");
+  if (!(options.max_feed_mm_per_s > 0 && options.acceleration_mm_per_s2 > 0)) refuse("highest feed and acceleration must be above 0");
   const Box2 block = Box2::centred(blank.size_mm);
   const Box2& lens = surface.extent();
   if (lens.min.x() < block.min.x() - 1e-6 || lens.min.y() < block.min.y() - 1e-6 ||

@@ -13,6 +13,8 @@ struct RoughOptions {
   double stepdown_mm = 1.0;
   double stepover_mm = 4.0;
   double link_feed_mm_per_s = 80;
+  double max_feed_mm_per_s = 100;
+  double acceleration_mm_per_s2 = 2000;
   double clearance_mm = 5;
 };
 

@@ -46,15 +46,26 @@ Blank blank_of(const Job& job, const SplineSurface& surface) {
 }
 
 json to_json(const ToolPath& path, double rapid_mm_per_s) {
-  double cut_mm = 0;
+  double cut_mm = 0, cut_s = 0, slowest = std::numeric_limits<double>::infinity(), fastest = 0;
   for (std::size_t i = 1; i < path.moves.size(); ++i) {
-    if (path.moves[i].kind == MoveKind::kCut || path.moves[i].kind == MoveKind::kPlunge) cut_mm += (path.moves[i].pose.tip_mm - path.moves[i - 1].pose.tip_mm).norm();
+    const Move& move = path.moves[i];
+    if (move.kind != MoveKind::kCut && move.kind != MoveKind::kPlunge) continue;
+    const double length = (move.pose.tip_mm - path.moves[i - 1].pose.tip_mm).norm();
+    cut_mm += length;
+    cut_s += length / move.feed_mm_per_s;
+    if (move.kind == MoveKind::kPlunge) continue;
+    slowest = std::min(slowest, move.feed_mm_per_s);
+    fastest = std::max(fastest, move.feed_mm_per_s);
   }
   return {{"length_mm", path.length_mm()},   {"cutting_length_mm", cut_mm},
           {"points", path.moves.size()},     {"stepover_mm", path.stepover_mm},
           {"minutes", path.minutes(rapid_mm_per_s)}, {"predicted_cusp_um", path.predicted_cusp_um},
           {"cutter", path.cutter.name},      {"spindle_rpm", path.spindle_rpm},
-          {"feed_mm_per_min", path.cutter.feed_mm_per_s() * 60}};
+          {"feed_mm_per_min", path.cutter.feed_mm_per_s() * 60},
+          // What is planned: the cutter's, lowered for thin chips, even marks and gentle bends.
+          {"slowest_feed_mm_per_min", std::min(slowest, fastest) * 60},
+          {"fastest_feed_mm_per_min", fastest * 60},
+          {"mean_feed_mm_per_min", cut_s > 0 ? cut_mm / cut_s * 60 : 0}};
 }
 
 }  // namespace
@@ -148,7 +159,9 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     cam[path.pass]["contact"] = {{"least_angle_deg", contact.least_angle_rad * 180 / kPi},
                                  {"most_angle_deg", contact.most_angle_rad * 180 / kPi},
                                  {"slowest_m_per_min", contact.slowest_m_per_min},
-                                 {"fastest_m_per_min", contact.fastest_m_per_min}};
+                                 {"fastest_m_per_min", contact.fastest_m_per_min},
+                                 {"least_diameter_mm", contact.least_diameter_mm},
+                                 {"most_diameter_mm", contact.most_diameter_mm}};
   }
   cam["finish"]["blur_mm"] = blur_on_screen_mm(job.finish.cutter.radius_mm(), job.finish.options.cusp_um, job.receiver.distance_mm,
                                                job.lens.refractive_index, job.dry_run.polish_sigma_um / 1000);

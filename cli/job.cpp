@@ -236,6 +236,12 @@ void read_pass_cutter(TomlTable& table, const fs::path& folder, const fs::path& 
   cutter.feed_per_tooth_mm = positive(table, "feed_per_tooth_mm", cutter.feed_per_tooth_mm, 5);
 }
 
+template <class Options>
+void read_feed_limits(TomlTable& table, Options& o) {
+  o.max_feed_mm_per_s = positive(table, "max_feed_mm_per_min", o.max_feed_mm_per_s * 60, 1e5) / 60;
+  o.acceleration_mm_per_s2 = table.number_in("acceleration_mm_per_s2", o.acceleration_mm_per_s2, 1, 1e6);
+}
+
 void read_rough(TomlTable table, const fs::path& folder, Job& job) {
   RoughPass& pass = job.rough;
   read_pass_cutter(table, folder, fixtures_folder() / "cutters/rough_10mm.toml", pass.cutter_file, pass.cutter);
@@ -248,6 +254,7 @@ void read_rough(TomlTable table, const fs::path& folder, Job& job) {
     throw InputError(table.complaint("stepover_mm", "must be at most the cutter's diameter, " + std::to_string(pass.cutter.diameter_mm) + " mm"));
   }
   o.link_feed_mm_per_s = positive(table, "link_feed_mm_per_min", o.link_feed_mm_per_s * 60, 1e5) / 60;
+  read_feed_limits(table, o);
   o.clearance_mm = positive(table, "clearance_mm", o.clearance_mm, 500);
 }
 
@@ -272,6 +279,7 @@ void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fal
   o.chord_tolerance_mm = table.number_in("chord_tolerance_um", o.chord_tolerance_mm * 1000, 0.001, 1000) / 1000;
   o.longest_segment_mm = positive(table, "longest_segment_mm", o.longest_segment_mm, 100);
   o.link_feed_mm_per_s = positive(table, "link_feed_mm_per_min", o.link_feed_mm_per_s * 60, 1e5) / 60;
+  read_feed_limits(table, o);
   o.clearance_mm = positive(table, "clearance_mm", o.clearance_mm, 500);
 }
 
@@ -289,6 +297,8 @@ void read_profile(TomlTable table, Job& job) {
   if (o.tabs > 0 && o.tab_height_mm <= o.skin_mm) throw InputError(table.complaint("tab_height_mm", "must be above skin_mm"));
   o.stepdown_mm = job.rough.options.stepdown_mm;
   o.link_feed_mm_per_s = job.rough.options.link_feed_mm_per_s;
+  o.max_feed_mm_per_s = job.rough.options.max_feed_mm_per_s;
+  o.acceleration_mm_per_s2 = job.rough.options.acceleration_mm_per_s2;
   o.clearance_mm = job.rough.options.clearance_mm;
   if (job.land.width_mm > 0 && !is_cut_out(job)) {
     throw InputError(table.complaint("cut", "must be true for a lens with a land (lens.land_mm): the same pass mills it"));
@@ -474,6 +484,8 @@ std::string ball_section(const BallPass& pass) {
       .put("chord_tolerance_um", o.chord_tolerance_mm * 1000)
       .put("longest_segment_mm", o.longest_segment_mm)
       .put("link_feed_mm_per_min", o.link_feed_mm_per_s * 60)
+      .put("max_feed_mm_per_min", o.max_feed_mm_per_s * 60)
+      .put("acceleration_mm_per_s2", o.acceleration_mm_per_s2)
       .put("clearance_mm", o.clearance_mm);
 }
 
@@ -604,6 +616,8 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                           .put("stepdown_mm", r.stepdown_mm)
                           .put("stepover_mm", r.stepover_mm)
                           .put("link_feed_mm_per_min", r.link_feed_mm_per_s * 60)
+                          .put("max_feed_mm_per_min", r.max_feed_mm_per_s * 60)
+                          .put("acceleration_mm_per_s2", r.acceleration_mm_per_s2)
                           .put("clearance_mm", r.clearance_mm);
   sections["semi_finish"] = ball_section(job.semi_finish);
   sections["finish"] = ball_section(job.finish);
