@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <set>
 
 #include "cam/detail/ball_passes.h"
 #include "cam/detail/feeds.h"
@@ -18,6 +19,7 @@ namespace {
 
 using detail::CentrePath;
 using detail::PathPoint;
+using detail::TurnedBall;
 
 constexpr double kBesideMm = 0.5;     ///< air between the ball and the block's side where passes start and end
 constexpr double kLinkAboveMm = 1.5;  ///< of links above the highest place on their way: more than earlier passes leave
@@ -63,18 +65,24 @@ std::vector<Vec2> border_places(const SplineSurface& surface, const std::optiona
   if (outline) return outline_places(*outline, kOutlinePitchMm);
   const Box2& extent = surface.extent();
   std::vector<Vec2> places;
-  const int steps = 8 * surface.spans_x();
-  for (int i = 0; i <= steps; ++i) {
-    const double x = extent.min.x() + extent.size().x() * i / steps;
+  const int steps_x = 8 * surface.spans_x();
+  for (int i = 0; i <= steps_x; ++i) {
+    const double x = extent.min.x() + extent.size().x() * i / steps_x;
     places.emplace_back(x, extent.min.y());
     places.emplace_back(x, extent.max.y());
+  }
+  const int steps_y = 8 * surface.spans_y();
+  for (int j = 0; j <= steps_y; ++j) {
+    const double y = extent.min.y() + extent.size().y() * j / steps_y;
+    places.emplace_back(extent.min.x(), y);
+    places.emplace_back(extent.max.x(), y);
   }
   return places;
 }
 
-/// Where the ball's centre is when it touches them.
-std::vector<Vec2> centres_over(const SplineSurface& surface, double radius_mm, std::vector<Vec2> places) {
-  for (Vec2& p : places) p += radius_mm * surface.normal(p.x(), p.y()).head<2>();
+/// Where the ball's centre is when it touches them, in the axes of `turn`.
+std::vector<Vec2> centres_over(const SplineSurface& surface, double radius_mm, std::vector<Vec2> places, const detail::Turn& turn) {
+  for (Vec2& p : places) p = turn.in(p + radius_mm * surface.normal(p.x(), p.y()).head<2>());
   return places;
 }
 
@@ -83,7 +91,7 @@ struct Vertex {
   Vec3 centre = Vec3::Zero();
   Vec3 axis = Vec3::UnitZ();
   Vec3 normal = Vec3::UnitZ();  ///< of the surface where the ball rests
-  bool landing = false;
+  double lift_mm = 0;           ///< over the rest, on a landing curve
 };
 
 class Planner {
@@ -94,8 +102,9 @@ class Planner {
         cutter_(cutter),
         options_(options),
         radius_(cutter.radius_mm()),
-        ball_(surface, radius_ + options.allowance_mm, 2 * radius_ + options.allowance_mm + kBesideMm + 1) {
-    box_ = Box2::centred(blank.size_mm);
+        ball_(surface, radius_ + options.allowance_mm, 2 * radius_ + options.allowance_mm + kBesideMm + 1),
+        turned_(ball_, detail::Turn::by(options.angle_rad)) {
+    beside_ = Box2::centred(blank.size_mm + Vec2::Constant(2 * (radius_ + kBesideMm)));
     tolerance_.chord_mm = options.chord_tolerance_mm;
     tolerance_.longest_mm = options.longest_segment_mm;
     tolerance_.shortest_mm = std::min(0.01, options.longest_segment_mm);
@@ -108,23 +117,30 @@ class Planner {
     detail::SpacingOptions spacing;
     spacing.cutting_radius_mm = radius_;
     spacing.cusp_mm = options_.cusp_um * 1e-3;
-    const std::vector<Vec2> border = centres_over(surface_, ball_.radius_mm(), border_places(surface_, options_.outline));
+    const std::vector<Vec2> border =
+        centres_over(surface_, ball_.radius_mm(), border_places(surface_, options_.outline), turned_.turn());
     Box2 reach;
     for (const Vec2& centre : border) reach.include(centre);
-    spacing.from_y = reach.min.y();
-    spacing.to_y = reach.max.y();
+    const double beyond = options_.allowance_mm > 0 ? kBeyondInStockMm : kBeyondMm;
     if (within_) {
       spacing.wanted = &*within_;
-      const double beyond = options_.allowance_mm > 0 ? kBeyondInStockMm : kBeyondMm;
       spacing.ends = [&border, beyond](double y) { return reach_along_x(border, beyond, y); };
-      spacing.from_y -= beyond - kBeyondMm;
-      spacing.to_y += beyond - kBeyondMm;
+      reach.min -= Vec2::Constant(beyond - kBeyondMm);
+      reach.max += Vec2::Constant(beyond - kBeyondMm);
     } else {
-      const double beside = radius_ + kBesideMm;
-      spacing.ends = [this, beside](double) { return std::pair(box_.min.x() - beside, box_.max.x() + beside); };
+      spacing.ends = [this](double y) { return between_sides({0, y}, {1, 0}); };
     }
+    spacing.from_y = reach.min.y();
+    spacing.to_y = reach.max.y();
     spacing.tolerance = tolerance_;
-    const detail::SpacedPasses passes = detail::space_passes(ball_, spacing, monitor.part(0, 0.85));
+    detail::SpacedPasses passes;
+    if (options_.strategy == Strategy::kSpiral) {
+      spacing.ends = [](double) { return std::pair(-1e9, 1e9); };  // pieces of it end where they may
+      const double begin_y = within_ ? reach.min.y() : between_sides({reach.min.x(), 0}, {0, 1}).first;
+      passes = detail::space_spiral(turned_, spacing, reach, begin_y, monitor.part(0, 0.85));
+    } else {
+      passes = detail::space_passes(turned_, spacing, monitor.part(0, 0.85));
+    }
 
     monitor.report("checking shank and holder", 0.87);
     settle_axis(passes.paths);
@@ -148,10 +164,24 @@ class Planner {
     if (options_.axis == AxisPolicy::kVertical) {
       tilts_ = {{0, 0, 0, 0}};
     } else if (options_.axis == AxisPolicy::kFixed) {
-      tilts_ = detail::fixed_tilts(surface_, options_.tilt_rad, options_.tilt_direction_rad, within());
+      tilts_ = detail::fixed_tilts(surface_, options_.tilt_rad, options_.angle_rad + options_.tilt_direction_rad, within());
     } else {
-      lead_.emplace(surface_, options_.tilt_rad, within());
+      lead_.emplace(surface_, options_.tilt_rad, turned_.turn().along, within());
     }
+  }
+
+  /// From where to where the ball on the line through `place` (in the passes' axes) is not clear of the block's sides.
+  [[nodiscard]] std::pair<double, double> between_sides(const Vec2& place, const Vec2& along) const {
+    const Vec2 p = turned_.turn().out(place);
+    const Vec2 d = turned_.turn().out(along);
+    std::pair range(-std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity());
+    for (int k = 0; k < 2; ++k) {
+      if (std::abs(d[k]) < 1e-9) continue;
+      const double a = (beside_.min[k] - p[k]) / d[k];
+      const double b = (beside_.max[k] - p[k]) / d[k];
+      range = {std::max(range.first, std::min(a, b)), std::min(range.second, std::max(a, b))};
+    }
+    return range;
   }
 
   [[nodiscard]] const OutlineRegion* within() const { return within_ ? &*within_ : nullptr; }
@@ -180,63 +210,73 @@ class Planner {
 
   [[nodiscard]] std::optional<detail::ToolContact> touching(const std::vector<CentrePath>& paths,
                                                             const detail::ToolClearance& clearance) const {
-    constexpr double kEveryMm = 2;
-    double last_y = -std::numeric_limits<double>::infinity();
-    for (std::size_t k = 0; k < paths.size(); ++k) {
-      if (paths[k].infill || (paths[k].y < last_y + kEveryMm && k + 1 < paths.size())) continue;
-      last_y = paths[k].y;
-      double last_x = -std::numeric_limits<double>::infinity();
-      for (const PathPoint& p : paths[k].points) {
-        if (p.x < last_x + kEveryMm) continue;
-        last_x = p.x;
-        const Vec3 axis = axis_at(p.x, paths[k].y);
-        if (auto contact = clearance.touches(cutter_, {Vec3(p.x, paths[k].y, p.z) - radius_ * axis, axis}))
-          return contact;
+    // One pose in every cell of 2 mm that the way goes through.
+    constexpr double kCellMm = 2;
+    std::set<std::pair<int, int>> seen;
+    for (const CentrePath& path : paths) {
+      for (const PathPoint& p : path.points) {
+        const Vec2 place = path.turn.out({p.x, path.y});
+        if (!seen.emplace(static_cast<int>(std::floor(place.x() / kCellMm)), static_cast<int>(std::floor(place.y() / kCellMm))).second) continue;
+        const Vec3 axis = axis_at(place);
+        if (auto contact = clearance.touches(cutter_, {Vec3(place.x(), place.y(), p.z) - radius_ * axis, axis})) return contact;
       }
     }
     return std::nullopt;
   }
 
-  [[nodiscard]] Vec3 axis_at(double x, double y) const { return lead_ ? lead_->axis(x, y) : axis_; }
+  [[nodiscard]] Vec3 axis_at(const Vec2& place) const { return lead_ ? lead_->axis(place.x(), place.y()) : axis_; }
 
-  [[nodiscard]] Vertex vertex(const PathPoint& p, double y, double lift) const {
-    const Vec2 away = (Vec2(p.x, y) - p.contact) / ball_.radius_mm();
-    return {{p.x, y, p.z + lift}, axis_at(p.x, y), {away.x(), away.y(), std::sqrt(std::max(0.0, 1 - away.squaredNorm()))}, lift > 0};
+  [[nodiscard]] Vertex vertex(const CentrePath& path, const PathPoint& p, double lift) const {
+    const Vec2 place = path.turn.out({p.x, path.y});
+    const Vec2 away = (place - path.turn.out(p.contact)) / ball_.radius_mm();
+    return {{place.x(), place.y(), p.z + lift},
+            axis_at(place),
+            {away.x(), away.y(), std::sqrt(std::max(0.0, 1 - away.squaredNorm()))},
+            lift};
   }
 
-  /// The way of a path, an infill piece with its landing and leaving curves, vertices close enough for a turning axis.
-  [[nodiscard]] std::vector<Vertex> vertices(const CentrePath& path) const {
+  /// Whether a ball over the place stands beside the block, or may come down there from above.
+  [[nodiscard]] bool in_air(const Vec2& place) const {
+    return !options_.outline && ((place - beside_.min).minCoeff() <= 1e-9 || (beside_.max - place).minCoeff() <= 1e-9);
+  }
+
+  /// The way of path number k, landing on and leaving the surface along curves but where it begins or ends beside the block
+  /// or joins another path; vertices close enough for a turning axis.
+  [[nodiscard]] std::vector<Vertex> vertices(const std::vector<CentrePath>& paths, std::size_t k) const {
+    const CentrePath& path = paths[k];
+    const TurnedBall turned(ball_, path.turn);
     std::vector<Vertex> result;
-    const double land = options_.allowance_mm > 0 ? kLandInStockMm : kLandMm;
     const auto lift = [](double away) { return away * away / (2 * kLandRadiusMm); };
     const double begin = path.points.front().x;
     const double end = path.points.back().x;
-    const bool lands = path.infill || options_.outline;
-    // A piece that begins at the blank's side comes in from beside it.
-    const auto in_air = [&](double x) { return !options_.outline && (x <= box_.min.x() - radius_ - kBesideMm || x >= box_.max.x() + radius_ + kBesideMm); };
-    if (lands && !in_air(begin - land)) {
-      for (const PathPoint& p : detail::centre_path(ball_, path.y, begin - land, begin, tolerance_).points) {
-        if (p.x < begin) add(result, vertex(p, path.y, lift(begin - p.x)));
+    const bool lands = !path.joined && !in_air(path.turn.out({begin, path.y}));
+    const bool leaves = (k + 1 == paths.size() || !paths[k + 1].joined) && !in_air(path.turn.out({end, path.y}));
+    if (lands) {
+      for (const PathPoint& p : detail::centre_path(turned, path.y, begin - land_mm(), begin, tolerance_).points) {
+        if (p.x < begin) add(result, vertex(path, p, lift(begin - p.x)));
       }
     }
-    for (const PathPoint& p : path.points) add(result, vertex(p, path.y, 0));
-    if (lands && !in_air(end + land)) {
-      for (const PathPoint& p : detail::centre_path(ball_, path.y, end, end + land, tolerance_).points) {
-        if (p.x > end) add(result, vertex(p, path.y, lift(p.x - end)));
+    for (const PathPoint& p : path.points) add(result, vertex(path, p, 0));
+    if (leaves) {
+      for (const PathPoint& p : detail::centre_path(turned, path.y, end, end + land_mm(), tolerance_).points) {
+        if (p.x > end) add(result, vertex(path, p, lift(p.x - end)));
       }
     }
+    if (options_.strategy == Strategy::kZigZag && k % 2 == 1) std::reverse(result.begin(), result.end());
     return result;
   }
+
+  [[nodiscard]] double land_mm() const { return options_.allowance_mm > 0 ? kLandInStockMm : kLandMm; }
 
   void add(std::vector<Vertex>& list, const Vertex& next) const {
     if (lead_ && !list.empty()) {
       const Vertex here = list.back();
       const double turn = std::acos(std::clamp(here.axis.dot(next.axis), -1.0, 1.0));
-      if (turn > kMostTurnRad && next.centre.x() - here.centre.x() > 0.02) {
-        const double x = (here.centre.x() + next.centre.x()) / 2;
-        const double y = here.centre.y();
-        const double chord = (here.centre.z() + next.centre.z()) / 2;
-        add(list, {{x, y, next.landing || here.landing ? chord : ball_.at(x, y).z}, axis_at(x, y), next.normal, next.landing});
+      if (turn > kMostTurnRad && (next.centre - here.centre).head<2>().norm() > 0.02) {
+        Vec3 middle = (here.centre + next.centre) / 2;
+        const double lift = (here.lift_mm + next.lift_mm) / 2;
+        if (lift == 0) middle.z() = ball_.at(middle.x(), middle.y()).z;
+        add(list, {middle, axis_at(middle.head<2>()), next.normal, lift});
         add(list, next);
         return;
       }
@@ -244,21 +284,14 @@ class Planner {
     list.push_back(next);
   }
 
-  /// Highest centre over [from, to] (and a ball's width around) on the full passes next to number k.
-  [[nodiscard]] double highest_near(const std::vector<CentrePath>& paths, std::size_t k, double from, double to) const {
+  /// Highest place of the ball's centre at rest on the straight way between two places.
+  [[nodiscard]] double highest_between(const Vec2& from, const Vec2& to) const {
+    constexpr double kEveryMm = 0.5;
     double highest = -std::numeric_limits<double>::infinity();
-    const auto look = [&](const CentrePath& path) {
-      for (const PathPoint& p : path.points) {
-        if (p.x >= from - 2 * radius_ && p.x <= to + 2 * radius_) highest = std::max(highest, p.z);
-      }
-    };
-    for (std::size_t below = k + 1; below-- > 0;) {
-      look(paths[below]);
-      if (!paths[below].infill) break;
-    }
-    for (std::size_t above = k + 1; above < paths.size(); ++above) {
-      look(paths[above]);
-      if (!paths[above].infill) break;
+    const int steps = std::max(1, static_cast<int>(std::ceil((to - from).norm() / kEveryMm)));
+    for (int k = 0; k <= steps; ++k) {
+      const Vec2 p = from + (to - from) * (static_cast<double>(k) / steps);
+      highest = std::max(highest, ball_.at(p.x(), p.y()).z);
     }
     return highest;
   }
@@ -282,30 +315,32 @@ class Planner {
       return p;
     };
 
-    std::vector<Vertex> way = vertices(paths.front());
+    std::vector<Vertex> way = vertices(paths, 0);
     out.moves.push_back({at_height(pose(way.front()), out.clearance_z_mm), MoveKind::kRapid, 0});
     for (std::size_t k = 0; k < paths.size(); ++k) {
       // Down beside the part (or above a landing curve), then the pass.
-      link(pose(way.front()));
+      if (!paths[k].joined) link(pose(way.front()));
       for (std::size_t i = 1; i < way.size(); ++i) {
-        const bool landing = way[i - 1].landing && i <= way.size() / 2;
+        const bool landing = way[i - 1].lift_mm > way[i].lift_mm;
         out.moves.push_back({pose(way[i]), landing ? MoveKind::kPlunge : MoveKind::kCut,
                              landing ? std::min(feed_at(way[i]), cutter_.plunge_feed_mm_per_s) : feed_at(way[i])});
       }
       if (k + 1 == paths.size()) break;
-      // Up, back, down: just above the highest place on the way; a turning axis needs full clearance.
-      std::vector<Vertex> next = vertices(paths[k + 1]);
-      double tip_from = out.clearance_z_mm;
-      if (!lead_) {
-        const double from = std::min(way.back().centre.x(), next.front().centre.x());
-        const double to = std::max(way.back().centre.x(), next.front().centre.x());
-        const double centre =
-            std::max({highest_near(paths, k, from, to) + kLinkAboveMm, way.back().centre.z(), next.front().centre.z()});
-        tip_from = std::min(tip_from, centre - radius_ * axis_.z());
-        tip_from = std::max({tip_from, pose(way.back()).tip_mm.z(), pose(next.front()).tip_mm.z()});
+      std::vector<Vertex> next = vertices(paths, k + 1);
+      if (!paths[k + 1].joined) {
+        // Up, back, down: just above the highest place on the way; a turning axis needs full clearance.
+        const Vertex& here = way.back();
+        const Vertex& there = next.front();
+        double tip_from = out.clearance_z_mm;
+        if (!lead_) {
+          const double centre = std::max({highest_between(here.centre.head<2>(), there.centre.head<2>()) + kLinkAboveMm,
+                                          here.centre.z(), there.centre.z()});
+          tip_from = std::min(tip_from, centre - radius_ * axis_.z());
+          tip_from = std::max({tip_from, pose(here).tip_mm.z(), pose(there).tip_mm.z()});
+        }
+        link(at_height(pose(here), tip_from));
+        link(at_height(pose(there), tip_from));
       }
-      link(at_height(pose(way.back()), tip_from));
-      link(at_height(pose(next.front()), tip_from));
       way = std::move(next);
     }
     link(at_height(pose(way.back()), out.clearance_z_mm));
@@ -319,7 +354,8 @@ class Planner {
   const FinishOptions& options_;
   double radius_;
   detail::BallContact ball_;
-  Box2 box_;
+  TurnedBall turned_;
+  Box2 beside_;  ///< a ball whose centre is outside does not touch the block
   detail::PathTolerance tolerance_;
   std::optional<OutlineRegion> within_;
   std::vector<detail::FixedTilt> tilts_;

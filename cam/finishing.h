@@ -13,15 +13,23 @@ namespace lightmill {
 
 enum class AxisPolicy { kFixed, kVertical, kLeadTilt };
 
+enum class Strategy {
+  kOneWay,  ///< passes along one direction, beside each other, lifted back between them
+  kZigZag,  ///< every other pass backwards: quicker, but the edge cuts now with, now against the feed
+  kSpiral,  ///< from the outside in, in one go: straight sides around the bounding rectangle, clockwise
+};
+
 struct FinishOptions {
   std::string pass = "finish";
   double cusp_um = 1.3;     ///< the guarantee on the reachable surface (1.5 less a margin)
   double allowance_mm = 0;  ///< left on the surface (semi-finishing: 0.05)
+  Strategy strategy = Strategy::kOneWay;
+  double angle_rad = 0;     ///< of the passes (of the spiral's rectangle) from +X
   AxisPolicy axis = AxisPolicy::kFixed;
   double tilt_rad = 30 * kPi / 180;  ///< of the fixed axis from +Z; of lead_tilt: lead from the normal along the pass
   double tilt_direction_rad =
-      -kPi / 2;                      ///< where the fixed axis leans, from +X (default: to -Y, which makes passes along
-                                     ///< +X with y growing climb milling); tilt and direction give way to the slopes
+      -kPi / 2;                      ///< where the fixed axis leans, from the passes' direction (default: to their right,
+                                     ///< which makes them climb milling); tilt and direction give way to the slopes
   double chord_tolerance_mm = 5e-5;  ///< of the ball's centre path
   double longest_segment_mm = 0.2;
   double link_feed_mm_per_s = 80;  ///< kLink moves
@@ -33,8 +41,8 @@ struct FinishOptions {
   std::optional<Outline> outline;
 };
 
-/// One-way passes along +X (climb milling), y growing, each entered and left beside the part in air, tangentially;
-/// their spacing changes slowly, so that no line shows in the light; where a short stretch alone asks for much closer
+/// Passes along one direction (climb milling) from right to left, each entered and left beside the part in air,
+/// tangentially, zig-zag or a spiral; their spacing changes slowly, so that no line shows in the light; where a short stretch alone asks for much closer
 /// passes it gets pieces of its own, landed on and left along a gentle curve. Throws InputError when no fixed tilt
 /// keeps the contact off the ball's centre and the shank off the part, naming the slopes.
 ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const Cutter& ball,

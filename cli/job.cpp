@@ -29,6 +29,7 @@ constexpr std::array kSections = {"job",   "target",      "lens",   "light",   "
 const std::vector<std::string_view> kBases{"flat", "sphere", "cylinder", "image", "mesh"};
 const std::vector<std::string_view> kLights{"parallel", "point", "mesh"};
 const std::vector<std::string_view> kSurfaceSolvers{"creases", "everywhere", "height_field"};
+const std::vector<std::string_view> kStrategies{"one_way", "zig_zag", "spiral"};
 const std::vector<std::string_view> kProfiles{"uniform", "gaussian", "image"};
 
 /// Refuses what the design foresees and this version cannot do, in words that say so.
@@ -263,8 +264,10 @@ void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fal
   if (!pass.cutter.is_ball()) throw InputError(table.complaint("cutter", "must be a ball cutter (corner radius half the diameter): " + pass.cutter_file.string()));
   if (pass.options.pass != "finish") not_yet(table, "blur_mm", "only finish.blur_mm decides what the light sees; use cusp_um");
   not_yet(table, "stepover_mm", "use cusp_um; the stepover follows from it");
-  only_choice(table, "strategy", {"one_way", "zig_zag", "spiral"});
   FinishOptions& o = pass.options;
+  const std::string strategy = table.choice("strategy", "one_way", kStrategies);
+  o.strategy = static_cast<Strategy>(std::find(kStrategies.begin(), kStrategies.end(), strategy) - kStrategies.begin());
+  o.angle_rad = kDegree * table.number_in("angle_deg", 0, -360, 360);
   if (table.has("blur_mm")) {
     if (table.has("cusp_um")) throw InputError(table.complaint("blur_mm", "gives the cusp height, and so does cusp_um; give one of them"));
     pass.blur_mm = positive(table, "blur_mm", 0, 1000);
@@ -475,7 +478,8 @@ std::string ball_section(const BallPass& pass) {
       .put("cutter", pass.cutter_file)
       .put("spindle_rpm", pass.cutter.spindle_rpm)
       .put("feed_per_tooth_mm", pass.cutter.feed_per_tooth_mm)
-      .put("strategy", "one_way")
+      .put("strategy", std::string(kStrategies[static_cast<std::size_t>(o.strategy)]))
+      .put("angle_deg", o.angle_rad / kDegree)
       .put("cusp_um", o.cusp_um)
       .put("allowance_mm", o.allowance_mm)
       .put("axis", o.axis == AxisPolicy::kFixed ? "fixed" : o.axis == AxisPolicy::kVertical ? "vertical" : "lead_tilt")

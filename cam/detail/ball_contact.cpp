@@ -69,6 +69,11 @@ Contact climb(const SplineSurface& surface, double radius, const Vec2& centre, c
 
 }  // namespace
 
+Turn Turn::by(double angle_rad) {
+  const auto exact = [](double v) { return std::abs(v) < 1e-12 ? 0.0 : std::abs(std::abs(v) - 1) < 1e-12 ? std::copysign(1.0, v) : v; };
+  return {{exact(std::cos(angle_rad)), exact(std::sin(angle_rad))}};
+}
+
 BallContact::BallContact(const SplineSurface& surface, double radius_mm, double margin_mm)
     : surface_(&surface), radius_mm_(radius_mm) {
   // Four samples a span, or two hills on a crease look like one; but no finer than the ball can feel and no coarser than

@@ -1,6 +1,7 @@
 // Where a ball rests on the smooth surface: the surface's dilation by a ball, many centres at a time.
 #pragma once
 
+#include <cmath>
 #include <vector>
 
 #include "cam/spline_surface.h"
@@ -41,6 +42,45 @@ class BallContact {
   Vec2 first_;            // of the sample grid
   Vec2 pitch_mm_;
   Grid<float> samples_;
+};
+
+/// Axes in the plane, turned so that the first one points along `along` (a unit vector).
+struct Turn {
+  Vec2 along{1, 0};
+  /// By an angle; right angles are exact.
+  static Turn by(double angle_rad);
+  /// From these axes to the workpiece's, and back.
+  [[nodiscard]] Vec2 out(const Vec2& p) const { return {along.x() * p.x() - along.y() * p.y(), along.y() * p.x() + along.x() * p.y()}; }
+  [[nodiscard]] Vec2 in(const Vec2& p) const { return {along.x() * p.x() + along.y() * p.y(), along.x() * p.y() - along.y() * p.x()}; }
+};
+
+/// The ball and its surface as seen from turned axes; heights are the same.
+class TurnedBall {
+ public:
+  TurnedBall(const BallContact& ball, const Turn& turn) : ball_(&ball), turn_(turn) {}
+  [[nodiscard]] const BallContact& ball() const { return *ball_; }
+  [[nodiscard]] const Turn& turn() const { return turn_; }
+  [[nodiscard]] double radius_mm() const { return ball_->radius_mm(); }
+  [[nodiscard]] Contact at(double x, double y) const {
+    const Vec2 p = turn_.out({x, y});
+    const Contact contact = ball_->at(p.x(), p.y());
+    return {contact.z, turn_.in(contact.point), turn_.in(contact.slope)};
+  }
+  /// Of the surface.
+  [[nodiscard]] double height(const Vec2& place) const {
+    const Vec2 p = turn_.out(place);
+    return ball_->surface().height(p.x(), p.y());
+  }
+  [[nodiscard]] Vec3 normal(const Vec2& place) const {
+    const Vec2 p = turn_.out(place);
+    const auto s = ball_->surface().sample(p.x(), p.y());
+    const Vec2 slope = turn_.in({s.hx, s.hy});
+    return Vec3(-slope.x(), -slope.y(), 1) / std::sqrt(1 + slope.squaredNorm());
+  }
+
+ private:
+  const BallContact* ball_;
+  Turn turn_;
 };
 
 /// The same for a single centre, without preparation: scans the whole disc below the ball.

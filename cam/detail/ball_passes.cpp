@@ -1,6 +1,7 @@
 #include "cam/detail/ball_passes.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -10,6 +11,7 @@ namespace lightmill::detail {
 
 namespace {
 
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kReachableMm = 1.1e-4;  ///< closing above the surface by less (0.1 um and a little): reachable
 constexpr double kJumpMm = 2e-4;         ///< of the centre in y, while the contact still moves far: it jumps
 constexpr double kIntoJumpMm = 0.01;     ///< steps into the unreachable from its border
@@ -26,7 +28,7 @@ constexpr double kInfillLeastOfFlat = 1.0 / 16;
 constexpr double kInfillGrowMm = 0.6;  ///< an infill piece starts before and ends after the stretch that asks for it
 constexpr double kInfillMergeMm = 4;   ///< pieces nearer than this become one
 
-PathPoint point_at(const BallContact& ball, double x, double y) {
+PathPoint point_at(const TurnedBall& ball, double x, double y) {
   const Contact contact = ball.at(x, y);
   return {x, contact.z, contact.slope.x(), contact.point};
 }
@@ -175,11 +177,47 @@ class SpacingField {
 
 class Spacer {
  public:
-  Spacer(const BallContact& ball, const SpacingOptions& options)
+  Spacer(const TurnedBall& ball, const SpacingOptions& options)
       : ball_(ball), options_(options), flat_(flat_stepover_mm(options.cutting_radius_mm, options.cusp_mm)) {
-    wanted_ = ball.surface().extent();
+    wanted_ = ball.ball().surface().extent();
     wanted_.min -= Vec2::Constant(2 * flat_);
     wanted_.max += Vec2::Constant(2 * flat_);
+  }
+
+  /// What there is between two neighbouring passes.
+  struct Between {
+    double wish_mm = 0;   ///< the spacing that would suit best here
+    bool content = true;  ///< the spacing taken does
+    SpacedPasses pieces;  ///< infill, and figures of what is left
+  };
+
+  /// Between `a` and `b`, which lies at a greater y.
+  [[nodiscard]] Between look(const CentrePath& a, const CentrePath& b, bool with_infill) const {
+    const double taken = b.y - a.y;
+    const std::vector<Station> stations = leftover(a, b, -kInfinity, kInfinity);
+    Between here;
+    here.wish_mm = std::max(cheapest(stations, taken, kAim * options_.cusp_mm), kLeastOfFlat * flat_);
+    if (!with_infill) return here;
+    here.content = cheapest(stations, taken, options_.cusp_mm) >= taken || taken <= kLeastOfFlat * flat_ * 1.0001;
+    settle(a, b, stations, here.pieces.paths, here.pieces);
+    std::stable_sort(here.pieces.paths.begin(), here.pieces.paths.end(), [](const CentrePath& p, const CentrePath& q) {
+      return p.y != q.y ? p.y < q.y : p.points.front().x < q.points.front().x;
+    });
+    return here;
+  }
+
+  [[nodiscard]] double flat_mm() const { return flat_; }
+
+  /// f(0..count), in parallel, telling of it now and then.
+  template <class F>
+  static void in_groups(std::size_t count, const Monitor& monitor, const F& f) {
+    constexpr std::size_t kGroup = 64;
+    for (std::size_t first = 0; first < count; first += kGroup) {
+      monitor.report("spacing passes", static_cast<double>(first) / static_cast<double>(count));
+      parallel_blocks(std::min(kGroup, count - first), 4, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t k = begin; k < end; ++k) f(first + k);
+      });
+    }
   }
 
   /// A survey, passes placed by what it allows, a look at what they leave.
@@ -218,14 +256,6 @@ class Spacer {
   }
 
  private:
-  static constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-  /// What there is between two neighbouring passes.
-  struct Between {
-    double wish_mm = 0;   ///< the spacing that would suit best here
-    bool content = true;  ///< the spacing taken does
-    SpacedPasses pieces;  ///< infill, and figures of what is left
-  };
 
   [[nodiscard]] std::vector<CentrePath> compute_paths(const std::vector<double>& ys, const Monitor& monitor) const {
     std::vector<CentrePath> paths(ys.size());
@@ -239,59 +269,26 @@ class Spacer {
   [[nodiscard]] std::vector<Between> look_between(const std::vector<CentrePath>& paths, bool with_infill,
                                                   const Monitor& monitor) const {
     std::vector<Between> result(paths.size() - 1);
-    in_groups(result.size(), monitor, [&](std::size_t k) {
-      const CentrePath& a = paths[k];
-      const CentrePath& b = paths[k + 1];
-      const double taken = b.y - a.y;
-      const std::vector<Station> stations = leftover(a, b, -kInfinity, kInfinity);
-      Between& here = result[k];
-      here.wish_mm = std::max(cheapest(stations, taken, kAim * options_.cusp_mm), kLeastOfFlat * flat_);
-      if (!with_infill) return;
-      here.content = cheapest(stations, taken, options_.cusp_mm) >= taken || taken <= kLeastOfFlat * flat_ * 1.0001;
-      settle(a, b, stations, here.pieces.paths, here.pieces);
-      std::stable_sort(here.pieces.paths.begin(), here.pieces.paths.end(),
-                       [](const CentrePath& p, const CentrePath& q) {
-                         return p.y != q.y ? p.y < q.y : p.points.front().x < q.points.front().x;
-                       });
-    });
+    in_groups(result.size(), monitor, [&](std::size_t k) { result[k] = look(paths[k], paths[k + 1], with_infill); });
     return result;
   }
 
   [[nodiscard]] bool is_wanted(const Vec2& p) const {
-    return wanted_.contains(p) && (!options_.wanted || options_.wanted->contains(p));
+    const Vec2 place = ball_.turn().out(p);
+    return wanted_.contains(place) && (!options_.wanted || options_.wanted->contains(place));
   }
 
-  /// f(0..count), in parallel, telling of it now and then.
-  template <class F>
-  static void in_groups(std::size_t count, const Monitor& monitor, const F& f) {
-    constexpr std::size_t kGroup = 64;
-    for (std::size_t first = 0; first < count; first += kGroup) {
-      monitor.report("spacing passes", static_cast<double>(first) / static_cast<double>(count));
-      parallel_blocks(std::min(kGroup, count - first), 4, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t k = begin; k < end; ++k) f(first + k);
-      });
-    }
-  }
-
-  /// The point of the (offset) surface over p, and its distance from being cut by either path: the cusp there.
+  /// Distance of the (offset) surface's point over p from being cut by either path: the cusp there.
   struct Left {
     double a = 0, b = 0;
-    Vec3 on_surface;
     [[nodiscard]] double cusp() const { return std::min(a, b); }
   };
   [[nodiscard]] Left left_at(const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j,
                              const Vec2& p) const {
     Left left;
     const double allowance = ball_.radius_mm() - options_.cutting_radius_mm;
-    Vec3 q;
-    if (allowance > 0) {
-      const auto s = ball_.surface().sample(p.x(), p.y());
-      left.on_surface = {p.x(), p.y(), s.h};
-      q = left.on_surface + allowance / std::sqrt(1 + s.hx * s.hx + s.hy * s.hy) * Vec3(-s.hx, -s.hy, 1);
-    } else {
-      left.on_surface = {p.x(), p.y(), ball_.surface().height(p.x(), p.y())};
-      q = left.on_surface;
-    }
+    Vec3 q(p.x(), p.y(), ball_.height(p));
+    if (allowance > 0) q += allowance * ball_.normal(p);
     left.a = distance(a, i, q) - options_.cutting_radius_mm;
     left.b = distance(b, j, q) - options_.cutting_radius_mm;
     return left;
@@ -332,7 +329,7 @@ class Spacer {
       for (const int from_first : {1, 0}) {
         for (double t = kIntoJumpMm; t < width; t += kIntoJumpMm) {
           const Vec2 p = from_first ? Vec2(p1 + (p2 - p1) * (t / width)) : Vec2(p2 + (p1 - p2) * (t / width));
-          const Vec3 q(p.x(), p.y(), spacer_.ball_.surface().height(p.x(), p.y()));
+          const Vec3 q(p.x(), p.y(), spacer_.ball_.height(p));
           if ((centre - q).norm() - spacer_.ball_.radius_mm() > kReachableMm) break;
           consider(p);
         }
@@ -509,11 +506,142 @@ class Spacer {
     }
   }
 
-  const BallContact& ball_;
+  TurnedBall ball_;
   const SpacingOptions& options_;
   double flat_;
   Box2 wanted_;  // the lens and what is just beyond its border, so that the last point on it is looked at from both
                  // sides
+};
+
+/// A spiral as rings of four sides, each side in axes of its own in which it runs along +X and the middle lies at smaller y.
+class SpiralSpacer {
+ public:
+  SpiralSpacer(const TurnedBall& ball, const SpacingOptions& options, const Box2& around, double begin_y)
+      : ball_(ball), options_(options), around_(around), begin_y_(begin_y), depth_(around.size().minCoeff() / 2) {
+    constexpr std::array<int, 8> kAlong = {0, 1, 1, 0, 0, -1, -1, 0};  // up, right, down, left
+    for (int side = 0; side < 4; ++side) {
+      turns_[side].along = ball.turn().out({kAlong[2 * side], kAlong[2 * side + 1]});
+      spacers_.emplace_back(TurnedBall(ball.ball(), turns_[side]), options);
+    }
+  }
+
+  [[nodiscard]] SpacedPasses plan(const Monitor& monitor) const {
+    SpacingField field(0, depth_, kSurveyOfFlat * spacers_[0].flat_mm(), kMostOfFlat * spacers_[0].flat_mm());
+    std::vector<double> depths = field.nodes();
+    std::vector<Between> between = look(depths, false, monitor.part(0, 0.4));
+    for (std::size_t k = 0; k < between.size(); ++k) field.limit(depths[k], depths[k + 1], between[k].wish_mm);
+    for (int round = 0;; ++round) {
+      depths = field.places();
+      between = look(depths, true, monitor.part(0.4 + 0.15 * round, 0.4 + 0.15 * (round + 1)));
+      bool content = true;
+      for (std::size_t k = 0; k < between.size(); ++k) {
+        if (between[k].content) continue;
+        content = false;
+        field.limit(depths[k], depths[k + 1], between[k].wish_mm);
+      }
+      if (content || round + 1 == kMostRounds) break;
+    }
+    SpacedPasses all;
+    all.paths = sides(depths);
+    for (std::size_t k = 0; k < between.size(); ++k) {
+      all.widest_mm = std::max(all.widest_mm, depths[k + 1] - depths[k]);
+      for (SpacedPasses& part : between[k].pieces) {
+        for (CentrePath& piece : part.paths) all.paths.push_back(std::move(piece));
+        all.highest_cusp_mm = std::max(all.highest_cusp_mm, part.highest_cusp_mm);
+        all.above_limit_mm2 += part.above_limit_mm2;
+        all.infill_pieces += part.infill_pieces;
+      }
+    }
+    return all;
+  }
+
+ private:
+  struct Between {
+    double wish_mm = kInfinity;
+    bool content = true;
+    std::array<SpacedPasses, 4> pieces;
+  };
+
+  /// The ring so deep in the rectangle; the last one is the middle line.
+  [[nodiscard]] Box2 ring(double depth) const {
+    Box2 box = around_;
+    const double in = std::min(depth, depth_);
+    box.min += Vec2::Constant(in);
+    box.max -= Vec2::Constant(in);
+    return box;
+  }
+
+  /// A ring's corners in the order of the sides' beginnings.
+  [[nodiscard]] static std::array<Vec2, 4> corners(const Box2& box) {
+    return {box.min, Vec2(box.min.x(), box.max.y()), box.max, Vec2(box.max.x(), box.min.y())};
+  }
+
+  /// Side of a ring from corner to corner, in its own axes.
+  [[nodiscard]] CentrePath side_path(const Box2& box, int side) const {
+    const auto at = corners(box);
+    const Vec2 from = turns_[side].in(ball_.turn().out(at[side]));
+    const Vec2 to = turns_[side].in(ball_.turn().out(at[(side + 1) % 4]));
+    return centre_path(TurnedBall(ball_.ball(), turns_[side]), from.y(), from.x(), std::max(to.x(), from.x() + 1e-3), options_.tolerance);
+  }
+
+  [[nodiscard]] std::vector<Between> look(const std::vector<double>& depths, bool with_infill, const Monitor& monitor) const {
+    std::vector<std::array<CentrePath, 4>> paths(depths.size());
+    Spacer::in_groups(depths.size(), monitor.part(0, 0.5), [&](std::size_t k) {
+      for (int side = 0; side < 4; ++side) paths[k][side] = side_path(ring(depths[k]), side);
+    });
+    std::vector<Between> result(depths.size() - 1);
+    Spacer::in_groups(result.size(), monitor.part(0.5, 1), [&](std::size_t k) {
+      for (int side = 0; side < 4; ++side) {
+        if (paths[k + 1][side].y >= paths[k][side].y - 1e-9) continue;
+        Spacer::Between here = spacers_[side].look(paths[k + 1][side], paths[k][side], with_infill);
+        result[k].wish_mm = std::min(result[k].wish_mm, here.wish_mm);
+        result[k].content = result[k].content && here.content;
+        result[k].pieces[side] = std::move(here.pieces);
+      }
+    });
+    return result;
+  }
+
+  /// The whole way: every side ends at the next one, the last side of a ring at the next ring. Half-way between two sharp
+  /// corners it would be sqrt(2) (2 - sqrt(2)) / 2 = 0.59 of the spacing to the nearest way; corners are drawn out to make it
+  /// a half.
+  [[nodiscard]] std::vector<CentrePath> sides(const std::vector<double>& depths) const {
+    constexpr double kDrawnOut = 0.1465;  // of the spacing: 1 - 0.5 (1 + 1 / sqrt(2))
+    constexpr double kBeside = 0.3;       // so far before and behind the corner: less than half, or the next turn's would be as far
+    std::vector<Vec2> line = {{ring(depths.front()).min.x(), begin_y_}};
+    std::vector<double> spacing = {0};
+    for (std::size_t k = 0; k < depths.size(); ++k) {
+      const bool middle = k + 1 == depths.size();
+      const Box2 box = ring(depths[k]);
+      std::vector<Vec2> turns = {{box.min.x(), box.max.y()}, box.max};
+      if (!middle) turns.insert(turns.end(), {{box.max.x(), box.min.y()}, {ring(depths[k + 1]).min.x(), box.min.y()}});
+      const double outwards = k > 0 ? ring(depths[k]).min.x() - ring(depths[k - 1]).min.x() : depths[1] - depths[0];
+      for (const Vec2& corner : turns) {
+        if ((corner - line.back()).norm() < 1e-6) continue;
+        line.push_back(corner);
+        spacing.push_back(outwards);
+      }
+    }
+    std::vector<Vec2> drawn = {line.front()};
+    for (std::size_t k = 1; k + 1 < line.size(); ++k) {
+      const Vec2 in = (line[k] - line[k - 1]).normalized();
+      const Vec2 out = (line[k + 1] - line[k]).normalized();
+      drawn.push_back(line[k] - kBeside * spacing[k] * in);
+      drawn.push_back(line[k] + kDrawnOut * spacing[k] * (in - out));
+      drawn.push_back(line[k] + kBeside * spacing[k] * out);
+    }
+    drawn.push_back(line.back());
+    for (Vec2& p : drawn) p = ball_.turn().out(p);
+    return centre_paths_along(ball_.ball(), drawn, options_.tolerance);
+  }
+
+  TurnedBall ball_;
+  const SpacingOptions& options_;
+  Box2 around_;
+  double begin_y_;
+  double depth_;  // of the middle
+  std::array<Turn, 4> turns_;
+  std::vector<Spacer> spacers_;
 };
 
 }  // namespace
@@ -522,8 +650,9 @@ double flat_stepover_mm(double radius_mm, double cusp_mm) {
   return 2 * std::sqrt(cusp_mm * (2 * radius_mm - cusp_mm));
 }
 
-CentrePath centre_path(const BallContact& ball, double y, double from_x, double to_x, const PathTolerance& tolerance) {
+CentrePath centre_path(const TurnedBall& ball, double y, double from_x, double to_x, const PathTolerance& tolerance) {
   CentrePath path;
+  path.turn = ball.turn();
   path.y = y;
   path.points.push_back(point_at(ball, from_x, y));
   double step = tolerance.longest_mm;
@@ -554,8 +683,25 @@ CentrePath centre_path(const BallContact& ball, double y, double from_x, double 
   return path;
 }
 
-SpacedPasses space_passes(const BallContact& ball, const SpacingOptions& options, const Monitor& monitor) {
+std::vector<CentrePath> centre_paths_along(const BallContact& ball, const std::vector<Vec2>& line, const PathTolerance& tolerance) {
+  std::vector<CentrePath> paths;
+  for (std::size_t k = 1; k < line.size(); ++k) {
+    const double length = (line[k] - line[k - 1]).norm();
+    if (length < 1e-9) continue;
+    const TurnedBall turned(ball, {(line[k] - line[k - 1]) / length});
+    const Vec2 from = turned.turn().in(line[k - 1]);
+    paths.push_back(centre_path(turned, from.y(), from.x(), from.x() + length, tolerance));
+    paths.back().joined = paths.size() > 1;
+  }
+  return paths;
+}
+
+SpacedPasses space_passes(const TurnedBall& ball, const SpacingOptions& options, const Monitor& monitor) {
   return Spacer(ball, options).plan(monitor);
+}
+
+SpacedPasses space_spiral(const TurnedBall& ball, const SpacingOptions& options, const Box2& around, double begin_y, const Monitor& monitor) {
+  return SpiralSpacer(ball, options, around, begin_y).plan(monitor);
 }
 
 }  // namespace lightmill::detail

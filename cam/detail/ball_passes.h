@@ -1,4 +1,4 @@
-// Where the passes of a ball cutter go: centre paths in planes of constant y, spaced by the cusp they leave.
+// Where the passes of a ball cutter go: centre paths in upright planes, spaced by the cusp they leave.
 #pragma once
 
 #include <functional>
@@ -19,10 +19,12 @@ struct PathPoint {
   Vec2 contact = Vec2::Zero();
 };
 
-/// The way of a ball's centre along +X in the plane y, as the polyline that will be milled.
+/// The way of a ball's centre along +X of turned axes in the plane y, as the polyline that will be milled.
 struct CentrePath {
+  Turn turn;
   double y = 0;
   bool infill = false;  ///< a piece between two passes: it lands on and leaves the surface
+  bool joined = false;  ///< begins where the path before ends
   std::vector<PathPoint> points;
 };
 
@@ -34,8 +36,12 @@ struct PathTolerance {
 };
 
 /// Vertices are exact; between them the chord stays within the tolerance.
-CentrePath centre_path(const BallContact& ball, double y, double from_x, double to_x, const PathTolerance& tolerance);
+CentrePath centre_path(const TurnedBall& ball, double y, double from_x, double to_x, const PathTolerance& tolerance);
 
+/// Over the legs of a polyline in the plane, all but the first one joined.
+std::vector<CentrePath> centre_paths_along(const BallContact& ball, const std::vector<Vec2>& line, const PathTolerance& tolerance);
+
+/// In the passes' axes, but for `wanted`.
 struct SpacingOptions {
   double cutting_radius_mm = 2;  ///< R of the cutter; `ball` has R + allowance
   double cusp_mm = 1.3e-3;       ///< highest cusp on the reachable surface, along its normal
@@ -57,7 +63,12 @@ struct SpacedPasses {
 /// differ would leave lines in the light. Where a short stretch asks for much closer passes than all else (a crease) it
 /// gets infill pieces instead. The cusp at a surface point is its distance to the nearest of the two polylines less R.
 /// Points that no ball can reach (closing above the surface by 0.1 um) ask for nothing.
-SpacedPasses space_passes(const BallContact& ball, const SpacingOptions& options, const Monitor& monitor);
+SpacedPasses space_passes(const TurnedBall& ball, const SpacingOptions& options, const Monitor& monitor);
+
+/// A spiral of straight sides from the rectangle `around` to its middle, clockwise, in one go (the first side begins at
+/// `begin_y`). Its turns are as far from each other as the cusp allows on all four sides, and their distance changes
+/// slowly; where a short stretch asks for much closer turns there are pieces after the spiral.
+SpacedPasses space_spiral(const TurnedBall& ball, const SpacingOptions& options, const Box2& around, double begin_y, const Monitor& monitor);
 
 /// Stepover on a plane along the passes, from the cusp: s = 2 sqrt(h (2 R - h)).
 double flat_stepover_mm(double radius_mm, double cusp_mm);

@@ -102,7 +102,8 @@ std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad
   return found;
 }
 
-LeadField::LeadField(const SplineSurface& surface, double lead_rad, const OutlineRegion* within) : lead_(lead_rad) {
+LeadField::LeadField(const SplineSurface& surface, double lead_rad, const Vec2& along, const OutlineRegion* within)
+    : lead_(lead_rad), along_(along) {
   constexpr double kSigmaMm = 3;
   constexpr double kPitchMm = 0.5;
   constexpr double kMarginMm = 6;
@@ -191,7 +192,7 @@ Vec2 LeadField::slope(double x, double y) const {
 Vec3 LeadField::axis(double x, double y) const {
   const Vec2 g = slope(x, y);
   const Vec3 normal = Vec3(-g.x(), -g.y(), 1).normalized();
-  const Vec3 forward = Vec3(1, 0, g.x()).normalized();  // along the pass, in the surface
+  const Vec3 forward = Vec3(along_.x(), along_.y(), g.dot(along_)).normalized();  // along the pass, in the surface
   return (std::cos(lead_) * normal + std::sin(lead_) * forward).normalized();
 }
 

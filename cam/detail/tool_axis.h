@@ -26,18 +26,19 @@ struct FixedTilt {
 std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad, double direction_rad,
                                    const OutlineRegion* within = nullptr);
 
-/// Lead/tilt: the normal, low-passed by a Gaussian of a few mm, leant forward along +X.
+/// Lead/tilt: the normal, low-passed by a Gaussian of a few mm, leant forward along the passes.
 class LeadField {
  public:
   /// Raises the lead above `lead_rad` if the window or the distance from the vertical asks for it. Throws InputError
   /// naming the slopes when no lead will do.
-  LeadField(const SplineSurface& surface, double lead_rad, const OutlineRegion* within = nullptr);
+  LeadField(const SplineSurface& surface, double lead_rad, const Vec2& along = {1, 0}, const OutlineRegion* within = nullptr);
   [[nodiscard]] Vec3 axis(double x, double y) const;
   [[nodiscard]] double lead_rad() const { return lead_; }
 
  private:
   [[nodiscard]] Vec2 slope(double x, double y) const;
   double lead_ = 0;
+  Vec2 along_;  // the passes, as seen along Z
   Vec2 first_;
   double pitch_ = 0;
   Grid<Vec2> slopes_;

@@ -56,7 +56,7 @@ TEST(Job, ResolvedJobReadsBackAsItself) {
       "[transport]\nsamples = 1234\nseed = 7\nl1_tolerance = 3e-5\n"
       "[surface]\nmesh = 77\nheight_tolerance_um = 0.07\nweights = { flux = 0, smoothness = 3e-6 }\n"
       "[stock]\nheight_mm = 21.3\nallowance_mm = 0.9\nmaterial = \"glass\"\nkeep_outs = [[-60, -5, 0, -50.5, 5, 20], [50.5, -5, 0, 60, 5, 21]]\n"
-      "[rough]\nallowance_mm = 0.41\nlink_feed_mm_per_min = 777\n[semi_finish]\ncusp_um = 7\n"
+      "[rough]\nallowance_mm = 0.41\nlink_feed_mm_per_min = 777\n[semi_finish]\ncusp_um = 7\nstrategy = \"zig_zag\"\nangle_deg = 33\nmax_feed_mm_per_min = 1234\nacceleration_mm_per_s2 = 777\n"
       "[finish]\naxis = \"lead_tilt\"\ntilt_deg = 23\ntilt_direction_deg = 77\nchord_tolerance_um = 0.07\nfeed_per_tooth_mm = 0.017\n"
       "[machine]\nworkpiece_origin_mm = [12, -7, 3.3]\nwork_offset = 57\n[controller]\ndecimals = 4\nblock_numbers = true\n"
       "[dry_run]\npitch_um = 17\npolish_sigma_um = 0\ntime_factor = 2.5\n[stream]\nport = \"/dev/ttyACM0\"\nbaud = 9600\n";
@@ -69,6 +69,10 @@ TEST(Job, ResolvedJobReadsBackAsItself) {
   EXPECT_EQ(again.receiver.viewed_from, ViewedFrom::kBehind);
   EXPECT_EQ(again.target.viewed_from, ViewedFrom::kBehind);
   EXPECT_NEAR(again.finish.options.tilt_rad, 23 * kPi / 180, 1e-12);
+  EXPECT_EQ(again.semi_finish.options.strategy, Strategy::kZigZag);
+  EXPECT_NEAR(again.semi_finish.options.angle_rad, 33 * kPi / 180, 1e-12);
+  EXPECT_NEAR(again.semi_finish.options.max_feed_mm_per_s, 1234 / 60.0, 1e-9);
+  EXPECT_EQ(again.semi_finish.options.acceleration_mm_per_s2, 777);
   EXPECT_NEAR(again.rough.options.link_feed_mm_per_s, 777 / 60.0, 1e-9);
   EXPECT_NEAR(again.finish.cutter.feed_per_tooth_mm, 0.017, 1e-15);
   EXPECT_EQ(again.stock.height_mm, 21.3);
@@ -169,7 +173,7 @@ TEST(Job, ErrorsNameLineKeyAndRule) {
 
 TEST(Job, WhatIsForeseenButNotThereSaysSo) {
   const std::string soon = "not supported yet";
-  for (const char* section : {"[semi_finish]\nblur_mm = 0.3\n", "[finish]\nstrategy = \"zig_zag\"\n", "[dry_run]\nerror_model = \"x\"\n"}) {
+  for (const char* section : {"[semi_finish]\nblur_mm = 0.3\n", "[rough]\naxis = \"fixed\"\n", "[dry_run]\nerror_model = \"x\"\n"}) {
     EXPECT_THAT(refusal(kPicture + section), HasSubstr(soon)) << section;
   }
 }

@@ -179,6 +179,18 @@ TEST(Chain, ADiskWithALandIsMilledAndCutOut) {
   EXPECT_NEAR(report.at("/cam/blank/size_mm/0"_json_pointer), 11 + 2 * (2 + 12), 1e-9);
 }
 
+TEST(Chain, ZigZagAndSpiralAreMilledWithoutAFault) {
+  const ScratchFolder scratch;
+  const std::string run = (scratch / "run").string();
+  const fs::path job = tiny_job(scratch, "cusp_um = 20\n\n[finish]", "cusp_um = 20\nstrategy = \"zig_zag\"\nangle_deg = 90\n\n[finish]\nstrategy = \"spiral\"");
+  const CommandResult made = lightmill_command({"make", job.string(), "-o", run});
+  ASSERT_EQ(made.code, 0) << made.err;
+  const json report = report_of(run);
+  EXPECT_EQ(report.at("/dry_run/faults"_json_pointer), 0);
+  EXPECT_LT(report.at("/dry_run/max_gouge_um"_json_pointer), 0.3);
+  EXPECT_LT(report.at("/dry_run/max_cusp_um"_json_pointer), 4.6) << "4 um were asked for";
+}
+
 TEST(Chain, ADryRunIsNoEcho) {
   const ScratchFolder scratch;
   const std::string run = (scratch / "run").string();
