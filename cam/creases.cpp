@@ -142,6 +142,7 @@ class CreaseFinder {
       const Vec2 one = flank(p, across), other = flank(p, -across);
       const Vec3 n1 = surface_.normal(one.x(), one.y()), n2 = surface_.normal(other.x(), other.y());
       const double angle = std::acos(std::clamp(n1.dot(n2), -1.0, 1.0));
+      crease.half_width_mm.push_back(std::max((one - p).norm(), (other - p).norm()));
       angles += piece * angle;
       weights += piece;
       crease.most_angle_rad = std::max(crease.most_angle_rad, angle);

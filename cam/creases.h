@@ -10,6 +10,7 @@ namespace lightmill {
 /// A line along which the ball rests on two flanks and leaves a fillet. Lengths as seen along Z but for the leftover.
 struct Crease {
   std::vector<Vec2> line_mm;
+  std::vector<double> half_width_mm;  ///< of what is not reached, at every place of the line, to the farther side
   double length_mm = 0;
   double angle_rad = 0;       ///< between the normals of the flanks where the fillet ends; the mean along the line
   double most_angle_rad = 0;

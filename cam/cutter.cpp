@@ -1,6 +1,7 @@
 #include "cam/cutter.h"
 
 #include "design/core/errors.h"
+#include "design/core/geometry.h"
 #include "design/core/toml_table.h"
 
 namespace lightmill {
@@ -54,12 +55,19 @@ Cutter read_cutter(const std::filesystem::path& path) {
   if (cutter.flute_length_mm < cutter.corner_radius_mm) {
     throw InputError(table.complaint("flute_length_mm", "must reach above the rounded corner"));
   }
+  cutter.taper_rad = table.number_in("taper_deg", 0, 0, 45) * kPi / 180;
+  if (cutter.taper_rad > 0 && !cutter.is_ball()) throw InputError(table.complaint("taper_deg", "only balls may be tapered"));
   cutter.shank_diameter_mm = table.number_in("shank_diameter_mm", cutter.diameter_mm, 0.05, 100);
+  if (cutter.taper_rad > 0 && cutter.flute_radius_mm(cutter.flute_length_mm) > cutter.shank_diameter_mm / 2 + 1e-9) {
+    throw InputError(table.complaint("taper_deg", "the cone is wider than the shank where the flutes end; make one of them smaller"));
+  }
   cutter.centre_cutting = table.boolean("centre_cutting", false);
   cutter.holder = read_holder(table, cutter.length_mm);
   cutter.spindle_rpm = needed(table, "spindle_rpm", 1, 200000);
   cutter.feed_per_tooth_mm = needed(table, "feed_per_tooth_mm", 1e-5, 5);
   cutter.plunge_feed_mm_per_s = needed(table, "plunge_feed_mm_per_min", 0.1, 100000) / 60;
+  cutter.most_stepover_mm = table.number_in("most_stepover_mm", 0, 0, cutter.diameter_mm);
+  cutter.slot_depth_mm = table.number_in("slot_depth_mm", 0, 0, 100);
   cutter.coolant = table.choice("coolant", "none", {"air", "mist", "none"});
   cutter.source = table.text("source", "untested on the machine");
   table.finish();

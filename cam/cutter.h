@@ -1,6 +1,7 @@
 // Cutters as data: shape, cutting data, and their files under fixtures/cutters.
 #pragma once
 
+#include <cmath>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -23,6 +24,7 @@ struct Cutter {
   double corner_radius_mm = 0;
   int edges = 2;
   double flute_length_mm = 0;        ///< cutting length from the tip
+  double taper_rad = 0;              ///< of a tapered ball: between its axis and the cone around it, up to flute_length_mm
   double shank_diameter_mm = 0;
   double length_mm = 0;              ///< gauge line (spindle nose) to tip: the length the controller compensates
   bool centre_cutting = false;       ///< may plunge straight down
@@ -31,11 +33,17 @@ struct Cutter {
   double spindle_rpm = 0;
   double feed_per_tooth_mm = 0;
   double plunge_feed_mm_per_s = 0;
+  double most_stepover_mm = 0;       ///< widest engagement beside a cut; 0: not said
+  double slot_depth_mm = 0;          ///< deepest cut of full width; 0: not said
   std::string coolant;               ///< "air", "mist" or "none"
   std::string source;                ///< where the data comes from
 
   [[nodiscard]] double radius_mm() const { return diameter_mm / 2; }
   [[nodiscard]] bool is_ball() const { return corner_radius_mm >= radius_mm(); }
+  /// Of the flutes at a height above the tip, from the ball's equator or the corner's top on.
+  [[nodiscard]] double flute_radius_mm(double above_tip_mm) const {
+    return taper_rad > 0 ? radius_mm() / std::cos(taper_rad) + (above_tip_mm - radius_mm()) * std::tan(taper_rad) : radius_mm();
+  }
   [[nodiscard]] double feed_mm_per_s() const { return spindle_rpm / 60 * edges * feed_per_tooth_mm; }
 };
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <optional>
 #include <set>
 
@@ -10,6 +11,7 @@
 #include "cam/detail/tool_axis.h"
 #include "cam/detail/tool_clearance.h"
 #include "cam/outline_region.h"
+#include "cam/work_holding.h"
 #include "design/core/errors.h"
 #include "design/core/text.h"
 
@@ -142,24 +144,43 @@ class Planner {
       passes = detail::space_passes(turned_, spacing, monitor.part(0, 0.85));
     }
 
+    for (const auto& line : options_.also_along) add_line(line, passes.paths);
+    ToolPath path = finished(passes.paths, passes.widest_mm, monitor);
+    path.predicted_cusp_um = passes.highest_cusp_mm * 1e3;
+    path.above_limit_mm2 = passes.above_limit_mm2;
+    return path;
+  }
+
+  ToolPath plan_along(const std::vector<std::vector<Vec2>>& lines, const Monitor& monitor) {
+    if (options_.outline) within_.emplace(*options_.outline, kBeyondMm / 2);
+    choose_axes();
+    std::vector<CentrePath> paths;
+    for (const auto& line : lines) add_line(line, paths);
+    return finished(paths, detail::flat_stepover_mm(radius_, options_.cusp_um * 1e-3), monitor);
+  }
+
+ private:
+  void add_line(const std::vector<Vec2>& line, std::vector<CentrePath>& paths) const {
+    std::vector<CentrePath> legs = detail::centre_paths_along(ball_, line, tolerance_);
+    std::move(legs.begin(), legs.end(), std::back_inserter(paths));
+  }
+
+  ToolPath finished(const std::vector<CentrePath>& paths, double stepover_mm, const Monitor& monitor) {
     monitor.report("checking shank and holder", 0.87);
-    settle_axis(passes.paths);
+    settle_axis(paths);
     monitor.report("linking passes", 0.93);
     ToolPath path;
     path.pass = options_.pass;
     path.cutter = cutter_;
     path.spindle_rpm = cutter_.spindle_rpm;
-    path.stepover_mm = passes.widest_mm;
-    path.predicted_cusp_um = passes.highest_cusp_mm * 1e3;
-    path.above_limit_mm2 = passes.above_limit_mm2;
-    path.clearance_z_mm =
-        std::max(blank_.height_mm, surface_.highest() + options_.allowance_mm) + options_.clearance_mm;
-    assemble(passes.paths, path);
+    path.stepover_mm = stepover_mm;
+    path.clearance_z_mm = std::max(highest_obstacle_mm(blank_), surface_.highest() + options_.allowance_mm) + options_.clearance_mm;
+    assemble(paths, path);
+    refuse_contact(path, blank_.keep_outs);
     monitor.report("passes planned", 1);
     return path;
   }
 
- private:
   void choose_axes() {
     if (options_.axis == AxisPolicy::kVertical) {
       tilts_ = {{0, 0, 0, 0}};
@@ -189,8 +210,8 @@ class Planner {
   /// The first tilt whose shank and holder stay clear of the part.
   void settle_axis(const std::vector<CentrePath>& paths) {
     // What may still stand above the surface: earlier passes' allowance; the holder keeps another half millimetre.
-    const detail::ToolClearance clearance(surface_, blank_, options_.allowance_mm);
-    constexpr std::size_t kMostTried = 24;
+    const detail::ToolClearance clearance(surface_, blank_, options_.allowance_mm, std::min(0.25, radius_ / 8));
+    constexpr std::size_t kMostTried = 100;
     std::optional<detail::ToolContact> first_contact;
     const std::size_t tries = lead_ ? 1 : std::min(kMostTried, tilts_.size());
     for (std::size_t k = 0; k < tries; ++k) {
@@ -262,7 +283,7 @@ class Planner {
         if (p.x > end) add(result, vertex(path, p, lift(p.x - end)));
       }
     }
-    if (options_.strategy == Strategy::kZigZag && k % 2 == 1) std::reverse(result.begin(), result.end());
+    if (options_.strategy == Strategy::kZigZag && k % 2 == 1 && !path.joined && !(k + 1 < paths.size() && paths[k + 1].joined)) std::reverse(result.begin(), result.end());
     return result;
   }
 
@@ -369,6 +390,13 @@ ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const 
                         const FinishOptions& options, const Monitor& monitor) {
   check(surface, blank, ball, options);
   return Planner(surface, blank, ball, options).plan(monitor);
+}
+
+ToolPath plan_along(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const std::vector<std::vector<Vec2>>& lines,
+                    const FinishOptions& options, const Monitor& monitor) {
+  check(surface, blank, ball, options);
+  if (std::none_of(lines.begin(), lines.end(), [](const auto& line) { return line.size() > 1; })) throw InputError(options.pass + ": no line to follow");
+  return Planner(surface, blank, ball, options).plan_along(lines, monitor);
 }
 
 ContactSummary contact_summary(const SplineSurface& surface, const ToolPath& path, const FinishOptions& options) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <optional>
+#include <vector>
 
 #include "cam/blank.h"
 #include "cam/outline.h"
@@ -39,6 +40,7 @@ struct FinishOptions {
   /// Only what lies within is finished, passes landing and leaving beside it; empty: the whole surface, passes from beside
   /// the blank to beside it.
   std::optional<Outline> outline;
+  std::vector<std::vector<Vec2>> also_along{};  ///< lines (creases) the ball follows once more after the passes
 };
 
 /// Passes along one direction (climb milling) from right to left, each entered and left beside the part in air,
@@ -47,6 +49,10 @@ struct FinishOptions {
 /// keeps the contact off the ball's centre and the shank off the part, naming the slopes.
 ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
                         const FinishOptions& options, const Monitor& monitor = {});
+
+/// Only along these lines, one after the other, each landed on and left along its own direction.
+ToolPath plan_along(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const std::vector<std::vector<Vec2>>& lines,
+                    const FinishOptions& options, const Monitor& monitor = {});
 
 /// How the ball meets the surface in a planned pass.
 struct ContactSummary {

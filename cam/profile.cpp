@@ -5,6 +5,7 @@
 #include <string>
 
 #include "cam/detail/feeds.h"
+#include "cam/work_holding.h"
 #include "design/core/errors.h"
 #include "design/core/text.h"
 
@@ -41,7 +42,7 @@ class Cutout {
       : surface_(surface), blank_(blank), mill_(mill), options_(options), feed_(std::min(mill.feed_mm_per_s() / 2, options.max_feed_mm_per_s)) {}
 
   ToolPath plan(const Outline& optical, const Monitor& monitor) {
-    clearance_z_ = blank_.height_mm + options_.clearance_mm;
+    clearance_z_ = highest_obstacle_mm(blank_) + options_.clearance_mm;
     const double radius = mill_.radius_mm();
     const Outline part = with_land(optical, options_.land_mm);
     if (options_.land_mm > 0) {
@@ -66,6 +67,7 @@ class Cutout {
     const Vec3 end = path.moves.back().pose.tip_mm;
     path.moves.push_back({{{end.x(), end.y(), clearance_z_ + options_.clearance_mm}, Vec3::UnitZ()}, MoveKind::kRapid, 0});
     detail::limit_acceleration(path.moves, options_.acceleration_mm_per_s2);
+    refuse_contact(path, blank_.keep_outs);
     monitor.report("cut-out planned", 1);
     return path;
   }

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "cam/detail/feeds.h"
+#include "cam/work_holding.h"
 #include "design/core/errors.h"
 #include "design/core/grid.h"
 #include "design/core/parallel.h"
@@ -47,7 +48,8 @@ struct Offset {
 class Rougher {
  public:
   Rougher(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const RoughOptions& options)
-      : surface_(surface), blank_(blank), mill_(mill), options_(options), radius_(mill.radius_mm()), cut_feed_(std::min(mill.feed_mm_per_s(), options.max_feed_mm_per_s)) {
+      : surface_(surface), blank_(blank), mill_(mill), options_(options), radius_(mill.radius_mm()), cut_feed_(std::min(mill.feed_mm_per_s(), options.max_feed_mm_per_s)),
+        slot_depth_(mill.slot_depth_mm > 0 ? mill.slot_depth_mm : std::numeric_limits<double>::infinity()) {
     box_ = Box2::centred(blank.size_mm);
     block_nx_ = static_cast<int>(std::ceil(blank.size_mm.x() / kPitchMm));
     block_ny_ = static_cast<int>(std::ceil(blank.size_mm.y() / kPitchMm));
@@ -56,10 +58,14 @@ class Rougher {
     // The tip's grid reaches so far out that the cutter stands beside the block at its rim, with air between.
     rim_x_ = static_cast<int>(std::ceil((radius_ + kBesideMm) / dx_));
     rim_y_ = static_cast<int>(std::ceil((radius_ + kBesideMm) / dy_));
-    for (int j = -static_cast<int>(radius_ / dy_); j <= static_cast<int>(radius_ / dy_); ++j) {
-      for (int i = -static_cast<int>(radius_ / dx_); i <= static_cast<int>(radius_ / dx_); ++i) {
+    // What nearly touches counts in the dilation, so that the way to a node beside the block's rim does not fall below it.
+    const double nearly = radius_ + dx_;
+    for (int j = -static_cast<int>(nearly / dy_); j <= static_cast<int>(nearly / dy_); ++j) {
+      for (int i = -static_cast<int>(nearly / dx_); i <= static_cast<int>(nearly / dx_); ++i) {
         const double r = std::hypot(i * dx_, j * dy_);
-        if (r <= radius_) offsets_.push_back({i, j, static_cast<float>(profile(mill, r)), r <= kCoreShare * radius_});
+        const Offset offset{i, j, static_cast<float>(profile(mill, r)), r <= kCoreShare * radius_};
+        if (r <= radius_) offsets_.push_back(offset);
+        if (r <= nearly) around_.push_back(offset);
       }
     }
   }
@@ -69,7 +75,7 @@ class Rougher {
     sample_target();
     dilate(monitor);
     stock_ = Grid<float>(block_nx_ + 1, block_ny_ + 1, static_cast<float>(blank_.height_mm));
-    clearance_z_ = blank_.height_mm + options_.clearance_mm;
+    clearance_z_ = highest_obstacle_mm(blank_) + options_.clearance_mm;
 
     // Levels of even depth down to the lowest tip.
     const double depth = blank_.height_mm - lowest_tip_;
@@ -80,12 +86,21 @@ class Rougher {
     }
     const int levels = std::max(0, static_cast<int>(std::ceil(depth / options_.stepdown_mm - 1e-9)));
     const int stride = std::max(1, static_cast<int>(options_.stepover_mm / dy_ + 1e-9));
-    for (int k = 1; k <= levels; ++k) {
-      monitor.report("roughing", 0.2 + 0.6 * (k - 1) / levels);
-      raster(blank_.height_mm - depth * k / levels, stride, monitor);
+    const int fine = final_stride(stride);
+    constexpr double kNoLevel = -std::numeric_limits<double>::infinity();
+    if (options_.way == RoughWay::kLevels) {
+      for (int k = 1; k <= levels; ++k) {
+        monitor.report("roughing", 0.2 + 0.6 * (k - 1) / levels);
+        raster(blank_.height_mm - depth * k / levels, 0, stride, monitor);
+      }
+    } else {
+      for (int k = levels - 1; k >= 1; --k) {
+        monitor.report("roughing", 0.2 + 0.6 * (levels - k) / levels);
+        raster(kNoLevel, depth * k / levels, fine, monitor);
+      }
     }
     monitor.report("following the offset surface", 0.8);
-    raster(-std::numeric_limits<double>::infinity(), final_stride(stride), monitor);
+    raster(kNoLevel, 0, fine, monitor);
     if (moves_.empty()) {
       throw InputError("rough: the blank of " + compact(blank_.height_mm, 4) +
                        " mm leaves nothing to rough; leave this pass out");
@@ -103,6 +118,7 @@ class Rougher {
     push(moves_.back().pose.tip_mm + Vec3(0, 0, options_.clearance_mm), MoveKind::kRapid, 0);
     path.moves = std::move(moves_);
     detail::limit_acceleration(path.moves, options_.acceleration_mm_per_s2);
+    refuse_contact(path, blank_.keep_outs);
     monitor.report("roughing planned", 1);
     return path;
   }
@@ -142,7 +158,7 @@ class Rougher {
     parallel_blocks(tip_rows(), 8, [&](std::size_t begin, std::size_t end) {
       for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
         float* tip = &tip_.at(0, row);
-        for (const Offset& o : offsets_) {
+        for (const Offset& o : around_) {
           const int j = row - rim_y_ + o.j;
           if (j < 0 || j > block_ny_) continue;
           const float* h = &target_.at(0, j);
@@ -184,6 +200,7 @@ class Rougher {
   struct Meeting {
     bool touches = false;
     int rows = 0;               ///< count of grid rows with material: the engaged width
+    float top = kNothing;       ///< a tip at this height would meet nothing
     float core_top = kNothing;  ///< highest material under the cutter's core
   };
   [[nodiscard]] Meeting meet(int i, int j, double z) const {
@@ -198,6 +215,7 @@ class Rougher {
       if (a < 0 || b < 0 || a > block_nx_ || b > block_ny_) continue;
       const float s = stock_.at(a, b);
       if (o.core) m.core_top = std::max(m.core_top, s);
+      m.top = std::max(m.top, s - o.up);
       if (s > limit + o.up) {
         m.touches = true;
         if (o.j != counted_row) {
@@ -221,24 +239,24 @@ class Rougher {
     }
   }
 
-  /// All lines of one level, from +y to -y: along +X the material is then on the right, climb milling. The first line
+  /// All lines of one level, or of one layer `over` the offset surface, from +y to -y: along +X the material is then on the right, climb milling. The first line
   /// stands outside, so that it takes no more than the stepover; the last one so far out that the cutter's flat just
   /// passes the border (where the surface falls towards the border, its uphill rim does the cutting).
-  void raster(double level, int stride, const Monitor& monitor) {
+  void raster(double level, double over, int stride, const Monitor& monitor) {
     const double first_y = box_.max.y() + radius_ - stride * dy_;
     int j = static_cast<int>(std::floor((first_y - box_.min.y()) / dy_ + 1e-9)) + rim_y_;
     const double reach = radius_ - mill_.corner_radius_mm;
     while (true) {
       monitor.check();
-      mill_line(level, std::max(j, 0));
+      mill_line(level, over, std::max(j, 0));
       if (j <= 0 || y_of(j) <= box_.min.y() - reach) break;
       j -= stride;
     }
   }
 
-  void mill_line(double level, int j) {
+  void mill_line(double level, double over, int j) {
     std::vector<double> wish(tip_columns());
-    for (int i = 0; i < tip_columns(); ++i) wish[i] = std::max(level, static_cast<double>(tip_.at(i, j)));
+    for (int i = 0; i < tip_columns(); ++i) wish[i] = std::max(level, tip_.at(i, j) + over);
     // Forward, and where a ramp has left something, back and forth until nothing is left.
     for (int traverse = 0; traverse < kMostTraverses; ++traverse) {
       std::vector<char> need(tip_columns());
@@ -284,8 +302,13 @@ class Rougher {
     const int widest = static_cast<int>(std::ceil(options_.stepover_mm / dy_)) + 2;
     for (int i = from + step; i != to + step; i += step) {
       const double core = std::max(wish[i], static_cast<double>(meet(i, j, wish[i]).core_top));
-      const double next = std::max(wish[i], std::min(core, z - dx_ * kRampSlope));
-      const Meeting m = meet(i, j, next);
+      double next = std::max(wish[i], std::min(core, z - dx_ * kRampSlope));
+      Meeting m = meet(i, j, next);
+      // Material to both sides: no deeper than the cutter's data; the rest is for another traverse.
+      if (m.rows > widest && m.top - next > slot_depth_) {
+        next = m.top - slot_depth_;
+        m = meet(i, j, next);
+      }
       Point p{x_of(i), next, MoveKind::kCut, cut_feed};
       if (m.touches && z - next > 0.8 * dx_ * kRampSlope) {
         p.kind = MoveKind::kPlunge;
@@ -412,10 +435,12 @@ class Rougher {
   const Cutter& mill_;
   const RoughOptions& options_;
   double radius_, cut_feed_;
+  double slot_depth_;
   Box2 box_;
   int block_nx_ = 0, block_ny_ = 0, rim_x_ = 0, rim_y_ = 0;
   double dx_ = 0, dy_ = 0;
-  std::vector<Offset> offsets_;
+  std::vector<Offset> offsets_;  ///< under the cutter
+  std::vector<Offset> around_;   ///< and a cell beside it
   Grid<float> target_, tip_, stock_;
   double margin_mm_ = 0, lowest_tip_ = 0, clearance_z_ = 0;
   std::vector<Move> moves_;
@@ -435,6 +460,10 @@ ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const C
   if (!(options.stepover_mm >= kPitchMm && options.stepover_mm <= mill.diameter_mm)) {
     refuse("stepover_mm must be from " + compact(kPitchMm, 3) + " to the cutter's diameter");
   }
+  if (mill.most_stepover_mm > 0 && options.stepover_mm > mill.most_stepover_mm + 1e-9) {
+    refuse("stepover_mm = " + compact(options.stepover_mm, 3) + " is wider than the " + compact(mill.most_stepover_mm, 3) + " mm that '" + mill.name +
+           "' is meant for (most_stepover_mm in its file)");
+  }
   if (!(options.clearance_mm > 0 && options.link_feed_mm_per_s > 0)) refuse("clearance and link feed must be above 0");
   if (!(options.max_feed_mm_per_s > 0 && options.acceleration_mm_per_s2 > 0)) refuse("highest feed and acceleration must be above 0");
   const Box2 block = Box2::centred(blank.size_mm);
@@ -450,6 +479,19 @@ ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const C
            compact(blank.height_mm, 3) + " mm; use a higher blank (stock.height_mm) or a longer distance");
   }
   return Rougher(surface, blank, mill, options).plan(monitor);
+}
+
+RoughChoice plan_faster_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill, RoughOptions options,
+                                 const Monitor& monitor) {
+  constexpr double kRapidMmPerS = 200;  // both ways alike
+  options.way = RoughWay::kLevels;
+  ToolPath levels = plan_roughing(surface, blank, mill, options, monitor.part(0, 0.5));
+  options.way = RoughWay::kLayers;
+  ToolPath layers = plan_roughing(surface, blank, mill, options, monitor.part(0.5, 1));
+  RoughChoice choice{RoughWay::kLevels, {}, levels.minutes(kRapidMmPerS), layers.minutes(kRapidMmPerS)};
+  if (choice.layers_minutes < choice.levels_minutes) choice.way = RoughWay::kLayers;
+  choice.path = std::move(choice.way == RoughWay::kLayers ? layers : levels);
+  return choice;
 }
 
 }  // namespace lightmill

@@ -8,7 +8,13 @@
 
 namespace lightmill {
 
+enum class RoughWay {
+  kLevels,  ///< level by level, then one raster over the offset surface
+  kLayers,  ///< rasters over the offset surface alone, layer by layer
+};
+
 struct RoughOptions {
+  RoughWay way = RoughWay::kLevels;
   double allowance_mm = 0.3;
   double stepdown_mm = 1.0;
   double stepover_mm = 4.0;
@@ -18,8 +24,19 @@ struct RoughOptions {
   double clearance_mm = 5;
 };
 
-/// Vertical axis, climb milling, entered from beside the block, no plunge into material.
+/// Vertical axis, climb milling, entered from beside the block, no plunge into material. No cut takes more than the stepover
+/// beside a line; where it must (a pit's first line) it goes in by a ramp, at half feed, and no deeper than the mill's
+/// slot_depth_mm at once.
 ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill,
                        const RoughOptions& options, const Monitor& monitor = {});
+
+/// The faster of both ways, by planning both.
+struct RoughChoice {
+  RoughWay way = RoughWay::kLevels;
+  ToolPath path;
+  double levels_minutes = 0, layers_minutes = 0;
+};
+RoughChoice plan_faster_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill, RoughOptions options,
+                                 const Monitor& monitor = {});
 
 }  // namespace lightmill

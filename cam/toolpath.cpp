@@ -14,7 +14,7 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "the file is written as memory holds it");
 
 constexpr char kMagic[8] = {'L', 'M', 'P', 'A', 'T', 'H', 'S', '\n'};
-constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kVersion = 2;
 
 /// FNV-1a over the whole file but its last eight bytes: finds a flipped bit, no protection against intent.
 std::uint64_t digest(std::string_view bytes) {
@@ -80,6 +80,7 @@ void put_cutter(Writer& out, const Cutter& c) {
   out.put(c.corner_radius_mm);
   out.put(static_cast<std::int32_t>(c.edges));
   out.put(c.flute_length_mm);
+  out.put(c.taper_rad);
   out.put(c.shank_diameter_mm);
   out.put(c.length_mm);
   out.put(static_cast<std::uint8_t>(c.centre_cutting));
@@ -93,6 +94,8 @@ void put_cutter(Writer& out, const Cutter& c) {
   out.put(c.spindle_rpm);
   out.put(c.feed_per_tooth_mm);
   out.put(c.plunge_feed_mm_per_s);
+  out.put(c.most_stepover_mm);
+  out.put(c.slot_depth_mm);
   out.put(c.coolant);
   out.put(c.source);
 }
@@ -105,6 +108,7 @@ Cutter get_cutter(Reader& in) {
   c.corner_radius_mm = in.get<double>();
   c.edges = in.get<std::int32_t>();
   c.flute_length_mm = in.get<double>();
+  c.taper_rad = in.get<double>();
   c.shank_diameter_mm = in.get<double>();
   c.length_mm = in.get<double>();
   c.centre_cutting = in.get<std::uint8_t>() != 0;
@@ -118,6 +122,8 @@ Cutter get_cutter(Reader& in) {
   c.spindle_rpm = in.get<double>();
   c.feed_per_tooth_mm = in.get<double>();
   c.plunge_feed_mm_per_s = in.get<double>();
+  c.most_stepover_mm = in.get<double>();
+  c.slot_depth_mm = in.get<double>();
   c.coolant = in.text();
   c.source = in.text();
   return c;

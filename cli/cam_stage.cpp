@@ -5,6 +5,7 @@
 #include "cam/outline.h"
 #include "cam/profile.h"
 #include "cam/reachable.h"
+#include "cam/rest.h"
 #include "cam/roughing.h"
 #include "cam/solid.h"
 #include "cli/crease_report.h"
@@ -28,8 +29,8 @@ namespace {
 /// to the next 0.1 mm.
 Blank blank_of(const Job& job, const SplineSurface& surface) {
   Blank blank;
-  blank.keep_outs = job.stock.keep_outs;
-  blank.size_mm = job.lens.size_mm + Vec2::Constant(2 * (job.land.width_mm + blank_margin_mm(job)));
+  blank.keep_outs = keep_outs_of(job);
+  blank.size_mm = blank_size_mm(job);
   const double highest = surface.highest();
   const auto tenths_up = [](double mm) { return std::ceil(mm * 10 - 1e-6) / 10; };
   if (!job.stock.height_mm) {
@@ -106,22 +107,35 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   FinishOptions semi_finish = job.semi_finish.options;
   FinishOptions finish = job.finish.options;
   if (solid_options.outline || (blank.size_mm - job.lens.size_mm).maxCoeff() > 0) semi_finish.outline = finish.outline = outline;
+  // Half a finishing stepover sees every fillet that matters; a tenth of a mm bounds the work.
+  const double pitch = std::clamp(extent.size().maxCoeff() / 1000, 0.05, 0.1);
+  const ReachableSurface reachable =
+      within(reachable_surface(surface, job.finish.cutter.radius_mm(), pitch, monitor.part(0.3, 0.38)), outline);
+  if (job.finish.along_creases) {
+    for (const Crease& crease : concave_creases(surface, reachable)) finish.also_along.push_back(line_to_follow(crease));
+  }
+
   std::vector<ToolPath> passes;
-  passes.push_back(plan_roughing(surface, blank, job.rough.cutter, job.rough.options, monitor.part(0.3, 0.45)));
-  passes.push_back(plan_finishing(surface, blank, job.semi_finish.cutter, semi_finish, monitor.part(0.45, 0.6)));
-  passes.push_back(plan_finishing(surface, blank, job.finish.cutter, finish, monitor.part(0.6, 0.85)));
+  RoughChoice rough = plan_faster_roughing(surface, blank, job.rough.cutter, job.rough.options, monitor.part(0.38, 0.48));
+  passes.push_back(std::move(rough.path));
+  passes.push_back(plan_finishing(surface, blank, job.semi_finish.cutter, semi_finish, monitor.part(0.48, 0.62)));
+  passes.push_back(plan_finishing(surface, blank, job.finish.cutter, finish, monitor.part(0.62, 0.9)));
+  std::optional<RestPlan> rest;
+  FinishOptions rest_options;
+  if (job.rest) {
+    rest_options = job.rest->options;
+    rest_options.outline = finish.outline;
+    constexpr double kShortestMm = 0.1;  // a crease may be out of reach in pieces
+    rest = plan_rest(surface, blank, job.rest->cutter, concave_creases(surface, reachable, kShortestMm), reachable, rest_options, monitor.part(0.9, 0.93));
+    if (rest->ways > 0) passes.push_back(std::move(rest->path));
+  }
   if (cut_out) {
     ProfileOptions profile = job.profile.options;
     profile.land_mm = job.land.width_mm;
     profile.land_z_mm = solid_options.land_z_mm;
-    passes.push_back(plan_profile(surface, blank, outline, job.rough.cutter, profile, monitor.part(0.85, 0.86)));
+    passes.push_back(plan_profile(surface, blank, outline, job.rough.cutter, profile, monitor.part(0.93, 0.95)));
   }
   write_toolpaths(folder.file("cam/toolpaths.bin"), passes);
-
-  // Half a finishing stepover sees every fillet that matters; a tenth of a mm bounds the work.
-  const double pitch = std::clamp(extent.size().maxCoeff() / 1000, 0.05, 0.1);
-  const ReachableSurface reachable =
-      within(reachable_surface(surface, job.finish.cutter.radius_mm(), pitch, monitor.part(0.86, 0.95)), outline);
 
   // The light that an ideal ball's part will cast: what creases and hollows lose to its radius, before any cusp.
   monitor.report("light through what the ball reaches", 0.95);
@@ -154,8 +168,9 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     write_toolpath_picture(folder.file(picture), path, blank);
     result.files.push_back(picture);
     cam[path.pass] = to_json(path, rapid);
-    if (path.pass != "semi_finish" && path.pass != "finish") continue;
-    const ContactSummary contact = contact_summary(surface, path, path.pass == "finish" ? finish : semi_finish);
+    if (path.pass != "semi_finish" && path.pass != "finish" && path.pass != "rest") continue;
+    const FinishOptions& options = path.pass == "finish" ? finish : path.pass == "rest" ? rest_options : semi_finish;
+    const ContactSummary contact = contact_summary(surface, path, options);
     cam[path.pass]["contact"] = {{"least_angle_deg", contact.least_angle_rad * 180 / kPi},
                                  {"most_angle_deg", contact.most_angle_rad * 180 / kPi},
                                  {"slowest_m_per_min", contact.slowest_m_per_min},
@@ -165,7 +180,18 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   }
   cam["finish"]["blur_mm"] = blur_on_screen_mm(job.finish.cutter.radius_mm(), job.finish.options.cusp_um, job.receiver.distance_mm,
                                                job.lens.refractive_index, job.dry_run.polish_sigma_um / 1000);
+  cam["rough"]["way"] = rough.way == RoughWay::kLayers ? "layers" : "levels";
+  cam["rough"]["levels_minutes"] = rough.levels_minutes;
+  cam["rough"]["layers_minutes"] = rough.layers_minutes;
   cam["creases"] = creases_json(surface, reachable, job);
+  if (rest) {
+    cam["creases"]["rest"] = {{"ways", rest->ways},
+                              {"ball_radius_mm", job.rest->cutter.radius_mm()},
+                              {"highest_before_um", rest->highest_before_um},
+                              {"highest_after_um", rest->highest_after_um},
+                              {"area_before_mm2", rest->area_before_mm2},
+                              {"area_after_mm2", rest->area_after_mm2}};
+  }
   cam["solid"] = {{"valid", solid.valid},
                   {"volume_mm3", solid.volume_mm3},
                   {"spline_volume_mm3", solid.expected_volume_mm3},

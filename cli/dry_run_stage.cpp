@@ -70,9 +70,10 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   shop.cutter_files = overrides.cutter_files.empty()
                           ? std::vector{job.rough.cutter_file, job.semi_finish.cutter_file, job.finish.cutter_file}
                           : overrides.cutter_files;
+  if (job.rest && overrides.cutter_files.empty()) shop.cutter_files.push_back(job.rest->cutter_file);
   shop.blank.size_mm = Vec2(cam["blank"]["size_mm"][0].get<double>(), cam["blank"]["size_mm"][1].get<double>());
   shop.blank.height_mm = cam["blank"]["height_mm"];
-  shop.blank.keep_outs = job.stock.keep_outs;
+  shop.blank.keep_outs = keep_outs_of(job);
   shop.work_offset = overrides.work_offset.value_or(job.machine.work_offset);
   shop.workpiece_origin_mm = work_on_table(read_machine(job.machine.file), overrides.workpiece_origin_mm.value_or(job.machine.workpiece_origin_mm),
                                            shop.work_offset).origin_mm;
@@ -91,6 +92,7 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   const MachinedSurface machined = read_machined(folder.file("dry_run/machined.tif"));
   DeviationOptions deviation_options;
   deviation_options.finishing_ball_radius_mm = job.finish.cutter.radius_mm();
+  deviation_options.rest_pass = cam.contains("rest");
   deviation_options.gouge_tolerance_um = job.dry_run.gouge_tolerance_um;
   const MachinedLight light(job, design, shop.blank);
   deviation_options.outline = light.outline_if_beside();

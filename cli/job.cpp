@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "cam/work_holding.h"
 #include "cli/errors_file.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
@@ -23,7 +24,7 @@ constexpr double kDegree = kPi / 180;
 
 /// The keys in the order in which people think of a job.
 constexpr std::array kSections = {"job",   "target",      "lens",   "light",   "receiver", "transport",  "surface", "solid", "mount", "stock",
-                                  "rough", "semi_finish", "finish", "profile", "machine",  "controller", "dry_run", "stream"};
+                                  "rough", "semi_finish", "finish", "rest", "profile", "machine",  "controller", "dry_run", "stream"};
 
 /// In the order of their enumerations.
 const std::vector<std::string_view> kBases{"flat", "sphere", "cylinder", "image", "mesh"};
@@ -226,7 +227,14 @@ void read_stock(TomlTable table, Job& job) {
     }
     stock.keep_outs.push_back(box);
   }
-  stock.work_holding = table.text("work_holding", stock.work_holding);
+  stock.work_holding = table.choice("work_holding", stock.work_holding, {"vacuum", "vise", "clamps"});
+  if (stock.work_holding == "vise") {
+    stock.jaw_mm = table.vector3("jaw_mm", stock.jaw_mm);
+    if (!(stock.jaw_mm.minCoeff() > 0 && stock.jaw_mm.allFinite())) throw InputError(table.complaint("jaw_mm", "must be length, thickness and height above 0"));
+  }
+  if (stock.work_holding == "clamps" && stock.keep_outs.empty()) {
+    throw InputError(table.complaint("work_holding", "clamps need their room: keep_outs = [[x0, y0, z0, x1, y1, z1], ...] in mm from the middle of the blank's underside"));
+  }
 }
 
 /// The cutter of a pass, with the job's own cutting data over the file's.
@@ -268,6 +276,8 @@ void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fal
   const std::string strategy = table.choice("strategy", "one_way", kStrategies);
   o.strategy = static_cast<Strategy>(std::find(kStrategies.begin(), kStrategies.end(), strategy) - kStrategies.begin());
   o.angle_rad = kDegree * table.number_in("angle_deg", 0, -360, 360);
+  pass.along_creases = table.boolean("along_creases", false);
+  if (pass.along_creases && o.pass != "finish") throw InputError(table.complaint("along_creases", "belongs to [finish]; a rest pass goes along creases anyway"));
   if (table.has("blur_mm")) {
     if (table.has("cusp_um")) throw InputError(table.complaint("blur_mm", "gives the cusp height, and so does cusp_um; give one of them"));
     pass.blur_mm = positive(table, "blur_mm", 0, 1000);
@@ -284,6 +294,23 @@ void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fal
   o.link_feed_mm_per_s = positive(table, "link_feed_mm_per_min", o.link_feed_mm_per_s * 60, 1e5) / 60;
   read_feed_limits(table, o);
   o.clearance_mm = positive(table, "clearance_mm", o.clearance_mm, 500);
+}
+
+void read_rest(TomlTable table, const fs::path& folder, Job& job) {
+  BallPass pass;
+  pass.options = job.finish.options;
+  pass.options.pass = "rest";
+  read_ball_pass(table, folder, fixtures_folder() / "cutters/rest_1mm_ball.toml", pass);
+  if (pass.options.strategy != Strategy::kOneWay) throw InputError(table.complaint("strategy", "the rest pass goes along creases; leave it out"));
+  if (!(pass.cutter.radius_mm() < job.finish.cutter.radius_mm())) {
+    throw InputError(table.complaint("cutter", "must be a smaller ball than the finishing one: " + pass.cutter_file.string()));
+  }
+  for (const Cutter* other : {&job.rough.cutter, &job.semi_finish.cutter, &job.finish.cutter}) {
+    if (other->number == pass.cutter.number) {
+      throw InputError(table.complaint("cutter", "has the place " + std::to_string(pass.cutter.number) + " in the tool table, and so has '" + other->name + "'"));
+    }
+  }
+  job.rest = pass;
 }
 
 void read_profile(TomlTable table, Job& job) {
@@ -392,6 +419,7 @@ Job read_table(TomlTable root, const fs::path& folder, Job job) {
   read_machine_section(root.table("machine"), folder, job);
   read_controller(root.table("controller"), job);
   read_dry_run(root.table("dry_run"), job);
+  if (root.has("rest")) read_rest(root.table("rest"), folder, job);
   read_stream(root.table("stream"), job);
   root.finish();
   if (job.rough.options.allowance_mm <= job.semi_finish.options.allowance_mm) {
@@ -480,6 +508,7 @@ std::string ball_section(const BallPass& pass) {
       .put("feed_per_tooth_mm", pass.cutter.feed_per_tooth_mm)
       .put("strategy", std::string(kStrategies[static_cast<std::size_t>(o.strategy)]))
       .put("angle_deg", o.angle_rad / kDegree)
+      .put("along_creases", pass.along_creases)
       .put("cusp_um", o.cusp_um)
       .put("allowance_mm", o.allowance_mm)
       .put("axis", o.axis == AxisPolicy::kFixed ? "fixed" : o.axis == AxisPolicy::kVertical ? "vertical" : "lead_tilt")
@@ -502,6 +531,18 @@ fs::path fixtures_folder() {
 
 bool is_cut_out(const Job& job) {
   return job.profile.cut.value_or(job.lens.shape != Lens::Shape::kRectangle || job.land.width_mm > 0);
+}
+
+Vec2 blank_size_mm(const Job& job) {
+  return job.lens.size_mm + Vec2::Constant(2 * (job.land.width_mm + blank_margin_mm(job)));
+}
+
+std::vector<KeepOut> keep_outs_of(const Job& job) {
+  std::vector<KeepOut> all = job.stock.keep_outs;
+  if (job.stock.work_holding != "vise") return all;
+  const std::vector<KeepOut> jaws = vise_jaws(blank_size_mm(job), job.stock.jaw_mm);
+  all.insert(all.end(), jaws.begin(), jaws.end());
+  return all;
 }
 
 double blank_margin_mm(const Job& job) {
@@ -610,6 +651,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                           .put("keep_outs", job.stock.keep_outs)
                           .put("material", job.stock.material)
                           .put("work_holding", job.stock.work_holding);
+  if (job.stock.work_holding == "vise") sections["stock"] = stock.put("jaw_mm", job.stock.jaw_mm);
   const RoughOptions& r = job.rough.options;
   sections["rough"] = Section()
                           .put("cutter", job.rough.cutter_file)
@@ -625,6 +667,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                           .put("clearance_mm", r.clearance_mm);
   sections["semi_finish"] = ball_section(job.semi_finish);
   sections["finish"] = ball_section(job.finish);
+  if (job.rest) sections["rest"] = ball_section(*job.rest);
   const ProfileOptions& p = job.profile.options;
   Section profile;
   if (job.profile.cut) {
@@ -675,7 +718,9 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
 std::string resolved_toml(const Job& job) {
   const auto sections = resolved_sections(job);
   std::string text = "# The whole job with every default explicit. Written by lightmill " LIGHTMILL_VERSION ".\n";
-  for (const char* name : kSections) text += "\n[" + std::string(name) + "]\n" + sections.at(name);
+  for (const char* name : kSections) {
+    if (sections.contains(name)) text += "\n[" + std::string(name) + "]\n" + sections.at(name);
+  }
   return text;
 }
 

@@ -45,7 +45,8 @@ struct StockSpec {
   std::optional<double> margin_mm;      ///< beside the part; empty: "auto", room for the mill where the part is cut out
   std::string material = "PMMA, cast, annealed";
   std::vector<KeepOut> keep_outs;       ///< clamps, jaws: [x0, y0, z0, x1, y1, z1] each
-  std::string work_holding = "flat back on a vacuum plate or double-sided tape; all four sides and the top free";
+  std::string work_holding = "vacuum";  ///< "vacuum", "vise" or "clamps"
+  Vec3 jaw_mm{80, 20, 3};               ///< of a vise, at the blank's sides at -y and +y: length, thickness, height over the table
 };
 
 struct RoughPass {
@@ -59,6 +60,7 @@ struct BallPass {
   Cutter cutter;
   FinishOptions options;
   std::optional<double> blur_mm;        ///< on the wall after the polish: what options.cusp_um was made from
+  bool along_creases = false;           ///< once more along every concave crease
 };
 
 /// A flat land around the optical surface, the part's rim.
@@ -117,6 +119,7 @@ struct Job {
   RoughPass rough;
   BallPass semi_finish;
   BallPass finish;
+  std::optional<BallPass> rest;         ///< with a smaller ball along concave creases
   LandSpec land;
   MountOptions mount;                   ///< cut into the land; not milled by the passes
   ProfilePass profile;
@@ -132,6 +135,10 @@ struct Job {
 bool is_cut_out(const Job& job);
 /// How much the blank is larger than the part on every side.
 double blank_margin_mm(const Job& job);
+/// Length and width of the blank: the part and its margin.
+Vec2 blank_size_mm(const Job& job);
+/// Jaws, clamps and what else holds the blank.
+std::vector<KeepOut> keep_outs_of(const Job& job);
 
 /// Reads a job file, or makes the default job of a picture (.png, .svg, .tif, .exr, ...). Relative paths in a job are
 /// relative to the job file. Throws InputError naming file, line, key, value and rule.

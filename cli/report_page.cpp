@@ -264,7 +264,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   for (const char* pass : kPassNames) {
     const std::string at = std::string("/cam/") + pass;
     html += picture(folder, std::string("cam/toolpaths_") + pass + ".png",
-                    pass == std::string("rough") ? "Rough" : pass == std::string("semi_finish") ? "Semi-finish" : pass == std::string("finish") ? "Finish" : "Cut out",
+                    pass == std::string("rough") ? "Rough" : pass == std::string("semi_finish") ? "Semi-finish" : pass == std::string("finish") ? "Finish" : pass == std::string("rest") ? "Rest along creases" : "Cut out",
                     number_at(report, (at + "/minutes").c_str(), 1) + " min, " + fixed(std::strtod(number_at(report, (at + "/length_mm").c_str(), 1).c_str(), nullptr) / 1000, 1) +
                         " m, stepover " + number_at(report, (at + "/stepover_mm").c_str(), 3) + " mm; where passes lie close only some are drawn");
   }
@@ -295,6 +295,10 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/cam/reachable/unreachable_area_mm2", "out of the ball's reach", "mm²", 2);
   figures.row("/cam/creases/length_mm", "concave creases sharper than the ball", "mm", 0);
   figures.row("/cam/creases/light_lost_share", "light through their fillets", "%", 2, {}, 100);
+  figures.row("/cam/creases/rest/highest_before_um", "left in creases by the finishing ball", "µm", 1);
+  figures.row("/cam/creases/rest/highest_after_um", "left in creases after the rest pass", "µm", 1);
+  figures.row("/cam/rough/levels_minutes", "roughing by levels", "min", 1);
+  figures.row("/cam/rough/layers_minutes", "roughing by layers over the surface", "min", 1);
   figures.group("Programs");
   for (const char* pass : kPassNames) {
     const std::string at = std::string("/postproc/") + pass;

@@ -33,6 +33,12 @@ tr, li { break-inside: avoid; }
 
 std::string row(const std::string& what, const std::string& value) { return "<tr><th>" + what + "</th><td>" + value + "</td></tr>\n"; }
 
+std::string holding_text(const std::string& kind) {
+  if (kind == "vise") return "vise, its jaws along the sides at -Y and +Y; nothing higher than stated below";
+  if (kind == "clamps") return "clamps where stated below";
+  return "flat back on a vacuum plate or double-sided tape; all four sides and the top free";
+}
+
 /// How far the holder's end stands above the tip: what sticks out of it.
 double stick_out(const Cutter& cutter) {
   double lowest = cutter.length_mm;
@@ -48,7 +54,7 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
   const WorkSetup setup = work_on_table(machine, job.machine.workpiece_origin_mm, job.machine.work_offset);
   const std::string offset = "G" + std::to_string(setup.work_offset);
   const double height = report.contains("/cam/blank/height_mm"_json_pointer) ? report.at("/cam/blank/height_mm"_json_pointer).get<double>() : 0;
-  const Vec2 blank = job.lens.size_mm + Vec2::Constant(2 * (job.land.width_mm + blank_margin_mm(job)));
+  const Vec2 blank = blank_size_mm(job);
   const std::string size = compact(blank.x(), 3) + " &times; " + compact(blank.y(), 3) + " &times; " + fixed(height, 1) + " mm";
 
   std::string html = "<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>" + escaped(job.name) +
@@ -66,12 +72,12 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
   if (!machine.notes.empty()) html += "<p class=warn>Machine data: " + escaped(machine.notes) + "</p>\n";
 
   std::string clamps;
-  for (const KeepOut& box : job.stock.keep_outs) {
+  for (const KeepOut& box : keep_outs_of(job)) {
     const auto range = [&](int axis, const char* letter) { return std::string(letter) + " " + compact(box.min_mm[axis], 2) + " to " + compact(box.max_mm[axis], 2); };
     clamps += (clamps.empty() ? "" : "<br>") + range(0, "X") + ", " + range(1, "Y") + ", " + range(2, "Z");
   }
   html += "<div class=two><div><h2>Blank</h2>\n<table>\n" + row("size", "<span class=big>" + size + "</span>") + row("material", escaped(job.stock.material)) +
-          row("work holding", escaped(job.stock.work_holding)) +
+          row("work holding", holding_text(job.stock.work_holding)) +
           (clamps.empty() ? std::string() : row("clamps and jaws within (mm from the zero point)", clamps)) +
           row("stands", "flat back down; X along the " + compact(blank.x(), 3) + " mm side") + "</table></div>\n";
   html += "<div><h2>Zero point " + offset + "</h2>\n<table>\n" + row("where", "centre of the blank's <b>underside</b>") +
@@ -97,6 +103,7 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
   tool(job.rough.cutter, "rough");
   tool(job.semi_finish.cutter, "semi-finish");
   tool(job.finish.cutter, "finish");
+  if (job.rest) tool(job.rest->cutter, "rest along creases");
   if (is_cut_out(job)) tool(job.rough.cutter, "cut out (profile)");
   html += "</table>\n<p class=note>Gauge length: spindle nose to tip, as entered in the tool table. Cutting data is untested on the machine; start with the feed override low.</p>\n";
 
@@ -119,15 +126,16 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
   html += "<h2>Checklist</h2>\n<ol class=check>\n";
   for (const std::string& item :
        {"Blank measured: " + size + ", sides and height 0 to +0.3 mm; underside flat and clean",
-        std::string("Work holding leaves all four sides free down to the table: cutters enter beside the part"),
-        std::string("Tools in places 1 to 3 of the table above, lengths measured and equal to 0.02 mm; finishing "
+        std::string(clamps.empty() ? "Work holding leaves all four sides free down to the table: cutters enter beside the part"
+                                   : "Nothing of the work holding stands out of the places above: the paths keep 0.5 mm from them"),
+        std::string("Tools in their places of the table above, lengths measured and equal to 0.02 mm; finishing "
                     "run-out below 5 &micro;m"),
         offset + " entered as above; " + std::string(1, machine.outer.letter) + " and " +
             std::string(1, machine.inner.letter) + " homed",
         std::string("Air on; no alcohol-based cleaner near PMMA"),
         std::string("Digest of the files on the controller or sender equals the one above (sha256sum)"),
         std::string("First program above the part in single block, feed override low"),
-        std::string(is_cut_out(job) ? "Programs in the order 10, 20, 30, 40" : "Programs in the order 10, 20, 30") + "; stream with: <code>lightmill stream " + escaped(folder.root().string()) +
+        std::string("Programs in the order of their numbers") + "; stream with: <code>lightmill stream " + escaped(folder.root().string()) +
             " --port /dev/ttyUSB0</code>",
         std::string("After finishing: polish by hand along the passes, stop as soon as the picture is sharp")}) {
     html += "<li>" + item + "</li>\n";

@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <thread>
 
+#include "cam/creases.h"
 #include "cam/outline_region.h"
 #include "cam/outline.h"
 #include "cam/reachable.h"
@@ -182,12 +183,16 @@ int check_machinability(const Job& job, const RunFolder& folder) {
               fixed(100 * reachable.unreachable_area_mm2 / outline.area_mm2(), 2).c_str(), fixed(reachable.max_residue_um, 1).c_str());
   std::fputs(creases_text(creases_json(surface, reachable, job)).c_str(), stdout);
   if (reachable.unreachable_area_mm2 > 0) {
-    // A ball a quarter as large, along creases only: its fillets are four times narrower.
-    const double small = ball / 4;
-    const ReachableSurface rest = within(reachable_surface(surface, small, pitch), outline);
-    std::printf("a ball of %s mm   would leave %s mm2 (%s %%) out of reach, at most %s um\n", compact(small, 3).c_str(),
-                fixed(rest.unreachable_area_mm2, 1).c_str(), fixed(100 * rest.unreachable_area_mm2 / outline.area_mm2(), 2).c_str(),
-                fixed(rest.max_residue_um, 1).c_str());
+    // What smaller balls would change: along creases only (a rest pass), or everywhere at the price of a closer stepover.
+    for (const double share : {0.5, 0.25}) {
+      const double small = share * ball;
+      const ReachableSurface rest = within(reachable_surface(surface, small, pitch), outline);
+      double light = 0;
+      for (const Crease& crease : concave_creases(surface, rest)) light += crease.area_mm2;
+      std::printf("a ball of %s mm   would leave %s mm2 (%s %%) out of reach, at most %s um, and %s %% of the light in fillets; finishing all with it: %s times the path\n",
+                  compact(small, 3).c_str(), fixed(rest.unreachable_area_mm2, 1).c_str(), fixed(100 * rest.unreachable_area_mm2 / outline.area_mm2(), 2).c_str(),
+                  fixed(rest.max_residue_um, 1).c_str(), fixed(100 * light / outline.area_mm2(), 2).c_str(), fixed(1 / std::sqrt(share), 1).c_str());
+    }
   }
   const nlohmann::json cam = folder.report().value("cam", nlohmann::json::object());
   for (const char* pass : kPassNames) {

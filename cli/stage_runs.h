@@ -33,7 +33,7 @@ std::string making_digest(const Job& job);
 /// Where the target comes from the same way in every stage.
 TargetLight target_of(const Job& job);
 
-/// In the order of milling; the last one only where the part is cut out of its blank.
-inline constexpr const char* kPassNames[] = {"rough", "semi_finish", "finish", "profile"};
+/// In the order of milling; the last two only where a smaller ball is to clean creases and the part is cut out of its blank.
+inline constexpr const char* kPassNames[] = {"rough", "semi_finish", "finish", "rest", "profile"};
 
 }  // namespace lightmill

@@ -85,6 +85,7 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
       light_files();
       inputs.file(folder.file("design/surface.ply")).text(job.name).text(job.author);
       for (const char* name : {"lens", "light", "receiver", "solid", "mount", "stock", "rough", "semi_finish", "finish", "profile"}) inputs.text(sections.at(name));
+      if (job.rest) inputs.text(sections.at("rest")).file(job.rest->cutter_file);
       inputs.file(job.rough.cutter_file).file(job.semi_finish.cutter_file).file(job.finish.cutter_file).file(job.machine.file);
       break;
     case Stage::kPost:
@@ -97,13 +98,14 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
       inputs.file(folder.file("cam/spline.bin")).file(overrides.machine_file.value_or(job.machine.file));
       if (overrides.cutter_files.empty()) {
         inputs.file(job.rough.cutter_file).file(job.semi_finish.cutter_file).file(job.finish.cutter_file);
+        if (job.rest) inputs.file(job.rest->cutter_file);
       }
       for (const auto& file : overrides.cutter_files) inputs.file(file);
       inputs.text(overrides.work_offset ? std::to_string(*overrides.work_offset) : "");
       if (overrides.workpiece_origin_mm) {
         for (const double v : *overrides.workpiece_origin_mm) inputs.text(compact(v, 9));
       }
-      for (const char* name : {"lens", "light", "receiver", "machine", "dry_run"}) inputs.text(sections.at(name));
+      for (const char* name : {"lens", "light", "receiver", "stock", "machine", "dry_run"}) inputs.text(sections.at(name));
       break;
   }
   return inputs.digest();
@@ -125,6 +127,7 @@ void check_job(const Job& job) {
   check("rough", job.rough.cutter);
   check("semi_finish", job.semi_finish.cutter);
   check("finish", job.finish.cutter);
+  if (job.rest) check("rest", job.rest->cutter);
 }
 
 void run_stage(Stage stage, const Job& job, RunFolder& folder, const Monitor& monitor, const ShopOverrides& overrides) {

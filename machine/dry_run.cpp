@@ -101,7 +101,8 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
             const double residue =
                 std::max(std::max(reachable.residue_um.at(ia, jb), reachable.residue_um.at(ia1, jb)),
                          std::max(reachable.residue_um.at(ia, jb1), reachable.residue_um.at(ia1, jb1)));
-            const double gouge = (std::max(closed, design_height) - node_height) * 1000;
+            const bool cut_again = options.rest_pass && residue >= reachable.threshold_um;
+            const double gouge = ((cut_again ? design_height : std::max(closed, design_height)) - node_height) * 1000;
             if (gouge > m.gouge) {
               m.gouge = gouge;
               m.gouge_place = {x, y};

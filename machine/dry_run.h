@@ -13,6 +13,7 @@ namespace lightmill {
 
 struct DeviationOptions {
   double finishing_ball_radius_mm = 2;
+  bool rest_pass = false;  ///< a smaller ball goes where the finishing ball does not reach: only below the design it gouges there
   double gouge_tolerance_um = 1;
   double border_mm = 0;              ///< rim left out of the measures
   std::optional<Outline> outline = {};  ///< only within it is measured, but for a rim of at most 0.1 mm; empty: everywhere

@@ -81,8 +81,8 @@ bool is_ball(const Cutter& cutter) {
 }
 
 std::string program_stem(const std::string& pass) {
-  const std::array<std::pair<std::string_view, std::string_view>, 3> known{
-      {{"rough", "10"}, {"semi_finish", "20"}, {"finish", "30"}}};
+  const std::array<std::pair<std::string_view, std::string_view>, 4> known{
+      {{"rough", "10"}, {"semi_finish", "20"}, {"finish", "30"}, {"rest", "35"}}};
   for (const auto& [name, number] : known) {
     if (pass == name) return std::string(number) + "_" + pass;
   }

@@ -8,6 +8,7 @@ namespace lightmill::detail {
 namespace {
 
 constexpr double kCornerMm = 0.2;
+constexpr double kSharpest = 5;
 // Feeds change in steps, so that programs do not say a new one in every block: fine ones where the contact drifts, coarse
 // ones around bends.
 constexpr double kChipLadder = 0.95;
@@ -48,7 +49,8 @@ void limit_acceleration(std::vector<Move>& moves, double acceleration_mm_per_s2)
     if (!cuts(moves[i]) || !cuts(moves[i + 1]) || length[i] <= 0 || length[i + 1] <= 0) continue;
     const Vec3 before = (moves[i].pose.tip_mm - moves[i - 1].pose.tip_mm) / length[i];
     const Vec3 after = (moves[i + 1].pose.tip_mm - moves[i].pose.tip_mm) / length[i + 1];
-    const double tangent = (after - before).norm() / std::max(1e-12, (after + before).norm());  // of half the angle
+    // Of half the angle; where the way turns back the machine stops, whatever is said.
+    const double tangent = std::min(kSharpest, (after - before).norm() / std::max(1e-12, (after + before).norm()));
     if (tangent < 1e-12) continue;
     const double radius = std::min(kCornerMm, (length[i] + length[i + 1]) / 2) / (2 * tangent);
     const double most = std::sqrt(acceleration_mm_per_s2 * radius);

@@ -59,28 +59,63 @@ bool meets(const Cylinder& c, const ToolPose& pose, double x, double y, double t
 
 }  // namespace
 
-ToolClearance::ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm) {
-  constexpr double kCellMm = 0.25;
-  Box2 box = Box2::centred(blank.size_mm);
-  box.include(surface.extent().min);
-  box.include(surface.extent().max);
+ToolClearance::ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm, double cell_mm) : cell_mm_(cell_mm) {
+  Box2 material = Box2::centred(blank.size_mm);
+  material.include(surface.extent().min);
+  material.include(surface.extent().max);
+  Box2 box = material;
+  for (const KeepOut& k : blank.keep_outs) {
+    box.include(k.min_mm.head<2>());
+    box.include(k.max_mm.head<2>());
+  }
   first_ = box.min;
-  const int nx = std::max(1, static_cast<int>(std::ceil(box.size().x() / kCellMm)));
-  const int ny = std::max(1, static_cast<int>(std::ceil(box.size().y() / kCellMm)));
-  Level level{kCellMm, Grid<float>(nx, ny)};
+  const int nx = std::max(1, static_cast<int>(std::ceil(box.size().x() / cell_mm_)));
+  const int ny = std::max(1, static_cast<int>(std::ceil(box.size().y() / cell_mm_)));
+  Level level{cell_mm_, Grid<float>(nx, ny)};
   std::vector<double> row_below(nx + 1), row_above(nx + 1);
   const auto fill = [&](std::vector<double>& row, int j) {
-    for (int i = 0; i <= nx; ++i) row[i] = surface.height(first_.x() + i * kCellMm, first_.y() + j * kCellMm);
+    for (int i = 0; i <= nx; ++i) row[i] = surface.height(first_.x() + i * cell_mm_, first_.y() + j * cell_mm_);
   };
   fill(row_below, 0);
   for (int j = 0; j < ny; ++j) {
     fill(row_above, j + 1);
     for (int i = 0; i < nx; ++i) {
       const double highest = std::max({row_below[i], row_below[i + 1], row_above[i], row_above[i + 1]});
-      level.highest.at(i, j) = static_cast<float>(highest + above_surface_mm);
+      const bool in_blank = material.contains(first_ + cell_mm_ * Vec2(i + 0.5, j + 0.5));
+      level.highest.at(i, j) = in_blank ? static_cast<float>(highest + above_surface_mm) : -std::numeric_limits<float>::infinity();
     }
     row_below.swap(row_above);
   }
+  stand_up(blank.keep_outs, level.highest);
+  add_pyramid(std::move(level));
+}
+
+ToolClearance::ToolClearance(const std::vector<KeepOut>& keep_outs) {
+  Box2 box;
+  for (const KeepOut& k : keep_outs) {
+    box.include(k.min_mm.head<2>());
+    box.include(k.max_mm.head<2>());
+  }
+  first_ = box.min;
+  const Vec2 cells = (box.size() / cell_mm_).array().ceil().cwiseMax(1);
+  Level level{cell_mm_, Grid<float>(static_cast<int>(cells.x()), static_cast<int>(cells.y()), -std::numeric_limits<float>::infinity())};
+  stand_up(keep_outs, level.highest);
+  add_pyramid(std::move(level));
+}
+
+void ToolClearance::stand_up(const std::vector<KeepOut>& keep_outs, Grid<float>& highest) const {
+  for (const KeepOut& k : keep_outs) {
+    const Vec2 from = (k.min_mm.head<2>() - first_) / cell_mm_;
+    const Vec2 to = (k.max_mm.head<2>() - first_) / cell_mm_;
+    for (int j = std::max(0, static_cast<int>(std::floor(from.y()))); j < std::min<double>(highest.height, std::ceil(to.y() - 1e-9)); ++j) {
+      for (int i = std::max(0, static_cast<int>(std::floor(from.x()))); i < std::min<double>(highest.width, std::ceil(to.x() - 1e-9)); ++i) {
+        highest.at(i, j) = std::max(highest.at(i, j), static_cast<float>(k.max_mm.z()));
+      }
+    }
+  }
+}
+
+void ToolClearance::add_pyramid(Level level) {
   levels_.push_back(std::move(level));
   while (levels_.back().highest.width > 1 || levels_.back().highest.height > 1) {
     const Level& fine = levels_.back();
@@ -96,12 +131,14 @@ ToolClearance::ToolClearance(const SplineSurface& surface, const Blank& blank, d
   }
 }
 
-std::optional<ToolContact> ToolClearance::touches(const Cutter& cutter, const ToolPose& pose, double holder_mm) const {
+std::optional<ToolContact> ToolClearance::touches(const Cutter& cutter, const ToolPose& pose, double holder_mm, bool with_tip) const {
   // Short pieces have tight boxes.
   constexpr double kSliceMm = 4;
   std::vector<Cylinder> pieces;
   const auto add = [&](double from, double to, double r_from, double r_to, bool holder) {
-    const int slices = std::max(1, static_cast<int>(std::ceil((to - from) / kSliceMm)));
+    // A slice is as wide as its wider end; near the part that must not matter.
+    const double steps = std::max((to - from) / kSliceMm, holder ? 0 : std::abs(r_to - r_from) / 0.02);
+    const int slices = std::max(1, static_cast<int>(std::ceil(steps)));
     for (int k = 0; k < slices; ++k) {
       const double t0 = static_cast<double>(k) / slices;
       const double t1 = static_cast<double>(k + 1) / slices;
@@ -111,7 +148,8 @@ std::optional<ToolContact> ToolClearance::touches(const Cutter& cutter, const To
   };
   const double shank_end = cutter.holder.empty() ? cutter.length_mm : cutter.holder.front().from_mm;
   const double flute_end = std::clamp(cutter.flute_length_mm, cutter.corner_radius_mm, shank_end);
-  add(cutter.corner_radius_mm, flute_end, cutter.radius_mm(), cutter.radius_mm(), false);
+  if (with_tip) add(0, cutter.corner_radius_mm, cutter.radius_mm(), cutter.radius_mm(), false);
+  add(cutter.corner_radius_mm, flute_end, cutter.flute_radius_mm(cutter.corner_radius_mm), cutter.flute_radius_mm(flute_end), false);
   add(flute_end, shank_end, cutter.shank_diameter_mm / 2, cutter.shank_diameter_mm / 2, false);
   for (const HolderPiece& piece : cutter.holder) {
     add(piece.from_mm - holder_mm, piece.to_mm, piece.from_radius_mm + holder_mm, piece.to_radius_mm + holder_mm, true);

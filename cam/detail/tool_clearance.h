@@ -20,20 +20,26 @@ struct ToolContact {
 /// Highest material over cells of the blank (the surface and what stands above it) with a pyramid of maxima.
 class ToolClearance {
  public:
-  /// `above_surface_mm`: how high material may stand over the surface when this pass runs.
-  ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm);
+  /// `above_surface_mm`: how high material may stand over the surface when this pass runs. What holds the blank counts too.
+  /// Cells see a slope's top only: for small balls they must be small.
+  ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm, double cell_mm = 0.25);
+  /// Of nothing but what holds the work, as columns from below up to the boxes' tops.
+  explicit ToolClearance(const std::vector<KeepOut>& keep_outs);
 
   /// The shank (from the ball's equator or the top of the corner upwards) and the holder (kept clear by `holder_mm`)
   /// against the material. A vertical line meets a cylinder in one interval; a column of material collides if it is
-  /// higher than the interval's lower end.
+  /// higher than the interval's lower end. `with_tip`: the tip's rounding too, as a cylinder.
   [[nodiscard]] std::optional<ToolContact> touches(const Cutter& cutter, const ToolPose& pose,
-                                                   double holder_mm = 0.5) const;
+                                                   double holder_mm = 0.5, bool with_tip = false) const;
 
  private:
   struct Level {
     double cell_mm = 0;
     Grid<float> highest;
   };
+  void stand_up(const std::vector<KeepOut>& keep_outs, Grid<float>& highest) const;
+  void add_pyramid(Level level);
+  double cell_mm_ = 0.25;
   Vec2 first_;
   std::vector<Level> levels_;  // finest first
 };

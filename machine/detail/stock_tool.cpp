@@ -64,7 +64,9 @@ Tool::Tool(const Cutter& cutter)
       if (!piece.empty()) slices.push_back({part, piece});
     }
   };
-  add(Part::kFlutes, {corner_mm, flute_length_mm, radius_mm, radius_mm});
+  // Of a tapered ball only the ball may cut: its cone counts as neck.
+  const double widest = cutter.flute_radius_mm(flute_length_mm);
+  add(cutter.taper_rad > 0 ? Part::kShank : Part::kFlutes, {corner_mm, flute_length_mm, cutter.flute_radius_mm(corner_mm), widest});
   double shank_end = cutter.length_mm;
   for (const HolderPiece& piece : cutter.holder) shank_end = std::min(shank_end, piece.from_mm);
   const double shank = cutter.shank_diameter_mm / 2;

@@ -100,5 +100,16 @@ TEST_F(CutterFile, ErrorsNameFileLineKeyAndRule) {
   EXPECT_THROW(read_cutter("/nowhere/cutter.toml"), InputError);
 }
 
+TEST_F(CutterFile, TakesATaperedBallWhoseConeEndsWithinTheShank) {
+  const Cutter cutter = read_cutter(write(std::string(kGood) + "taper_deg = 5\n"));
+  EXPECT_NEAR(cutter.taper_rad, 5 * 3.14159265358979 / 180, 1e-9);
+  // The cone touches the ball: its distance from the centre is the radius, at right angles.
+  const double t = cutter.taper_rad;
+  EXPECT_NEAR(cutter.flute_radius_mm(1.5 - 1.5 * std::sin(t)), 1.5 * std::cos(t), 1e-12);
+  EXPECT_NEAR(cutter.flute_radius_mm(3) - cutter.flute_radius_mm(2), std::tan(t), 1e-12);
+  EXPECT_THAT(complaint(std::string(kGood) + "taper_deg = 10\n"), HasSubstr("wider than the shank"));
+  EXPECT_THAT(complaint(with("corner_radius_mm", "corner_radius_mm = 1") + "taper_deg = 5\n"), HasSubstr("only balls"));
+}
+
 }  // namespace
 }  // namespace lightmill

@@ -34,8 +34,9 @@ struct OwnStock {
   }
   [[nodiscard]] double x(int i) const { return -size.x() / 2 + i * kPitch; }
   [[nodiscard]] double y(int j) const { return -size.y() / 2 + j * kPitch; }
-  /// Removes along a move; returns the deepest cut.
-  double sweep(const Vec3& a, const Vec3& b, bool cut) {
+  /// Removes along a move; returns the deepest cut. `wide` gets the deepest cut where material is met over more than the
+  /// width in y.
+  double sweep(const Vec3& a, const Vec3& b, bool cut, double width_mm = 1e9, double* wide = nullptr) {
     double deepest = 0;
     const int steps = 1 + static_cast<int>((b - a).norm() / 0.1);
     for (int k = 0; k <= steps; ++k) {
@@ -45,16 +46,24 @@ struct OwnStock {
       const int i1 = std::min(nx, static_cast<int>(std::floor((p.x() + r + size.x() / 2) / kPitch)));
       const int j0 = std::max(0, static_cast<int>(std::ceil((p.y() - r + size.y() / 2) / kPitch)));
       const int j1 = std::min(ny, static_cast<int>(std::floor((p.y() + r + size.y() / 2) / kPitch)));
+      double here = 0;
+      int lowest = ny + 1, highest = -1;
       for (int j = j0; j <= j1; ++j) {
         for (int i = i0; i <= i1; ++i) {
           const double d = std::hypot(x(i) - p.x(), y(j) - p.y());
           if (d > r) continue;
           const double z = p.z() + above_tip(tool, d);
           double& h = heights.at(i, j);
-          deepest = std::max(deepest, h - z);
+          here = std::max(here, h - z);
+          if (h - z > 0.05) {
+            lowest = std::min(lowest, j);
+            highest = std::max(highest, j);
+          }
           if (cut && z < h) h = z;
         }
       }
+      deepest = std::max(deepest, here);
+      if (wide && (highest - lowest) * kPitch > width_mm) *wide = std::max(*wide, here);
     }
     return deepest;
   }
@@ -68,6 +77,7 @@ struct Case {
   const char* name;
   double (*height)(double, double);
   double over;  ///< blank above the surface
+  RoughWay way = RoughWay::kLevels;
 };
 
 double hills(double x, double y) {
@@ -92,6 +102,7 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
   const Blank blank{{38, 31}, s.highest() + c.over};
   const Cutter tool = mill();
   RoughOptions options;
+  options.way = c.way;
   const ToolPath path = plan_roughing(s, blank, tool, options);
   ASSERT_FALSE(path.moves.empty());
 
@@ -164,7 +175,8 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
 
 INSTANTIATE_TEST_SUITE_P(Surfaces, Roughing,
                          ::testing::Values(Case{"hills", hills, 0.3}, Case{"bowl", bowl, 0.0}, Case{"dome", dome, 2.5},
-                                           Case{"slope", slope, 0.3}),
+                                           Case{"slope", slope, 0.3}, Case{"hills_in_layers", hills, 0.3, RoughWay::kLayers},
+                                           Case{"dome_in_layers", dome, 2.5, RoughWay::kLayers}),
                          [](const auto& test) { return std::string(test.param.name); });
 
 TEST(RoughingEntry, TheFirstCutOfALevelTakesNoMoreThanTheStepover) {
@@ -187,6 +199,45 @@ TEST(RoughingEntry, TheFirstCutOfALevelTakesNoMoreThanTheStepover) {
   EXPECT_NEAR(first_y, 15 + 5 - 4, 0.26);
   EXPECT_LT(first_x, -20 - 5 + 0.3);
   EXPECT_NEAR(path.predicted_cusp_um, 300, 60);
+}
+
+TEST(RoughingSlots, WhatIsWiderThanTheStepoverIsNoDeeperThanTheMillsData) {
+  // A pit in a flat lens: its first lines have material to both sides.
+  const auto s = spline_of(Box2::centred({44, 40}), 88, 80, [](double x, double y) {
+    return 14 - 2.5 / (1 + std::exp(3 * (std::hypot(x - 2, y + 1) - 9)));
+  });
+  const Blank blank{{44, 40}, 14.5};
+  for (const double slot : {0.0, 0.3}) {
+    Cutter tool = mill();
+    tool.slot_depth_mm = slot;
+    const ToolPath path = plan_roughing(s, blank, tool, {});
+    OwnStock stock(blank, tool);
+    double wide = 0;
+    for (std::size_t k = 1; k < path.moves.size(); ++k) {
+      const bool cut = path.moves[k].kind == MoveKind::kCut || path.moves[k].kind == MoveKind::kPlunge;
+      stock.sweep(path.moves[k - 1].pose.tip_mm, path.moves[k].pose.tip_mm, cut, 4 + 3 * OwnStock::kPitch, &wide);
+    }
+    if (slot == 0) {
+      EXPECT_GT(wide, 0.45) << "no slot here: the case tests nothing";
+    } else {
+      EXPECT_LE(wide, slot + 0.06);
+    }
+  }
+}
+
+TEST(RoughingChoice, TakesTheFasterWayAndSaysBothTimes) {
+  for (const double height : {0.1, 2.0}) {
+    const auto s = spline_of(Box2::centred({24, 20}), 48, 40, [&](double x, double y) { return 14 + height * std::sin(x / 3) * std::sin(y / 3); });
+    const Blank blank{{24, 20}, s.highest() + 0.9};
+    const RoughChoice choice = plan_faster_roughing(s, blank, mill(), {});
+    RoughOptions options;
+    EXPECT_EQ(plan_roughing(s, blank, mill(), options).minutes(200), choice.levels_minutes);
+    options.way = RoughWay::kLayers;
+    EXPECT_EQ(plan_roughing(s, blank, mill(), options).minutes(200), choice.layers_minutes);
+    EXPECT_NE(choice.levels_minutes, choice.layers_minutes);
+    EXPECT_EQ(choice.path.minutes(200), std::min(choice.levels_minutes, choice.layers_minutes));
+    EXPECT_EQ(choice.way == RoughWay::kLayers, choice.layers_minutes < choice.levels_minutes);
+  }
 }
 
 TEST(RoughingErrors, NameWhatIsWrongAndByHowMuch) {

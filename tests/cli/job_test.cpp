@@ -171,6 +171,36 @@ TEST(Job, ErrorsNameLineKeyAndRule) {
   EXPECT_THAT(refusal(kPicture + "[lense]\n"), HasSubstr("lense"));
 }
 
+TEST(Job, ARestPassTakesTheFinishingsKeysAndASmallerBall) {
+  EXPECT_FALSE(read_job_text(kPicture, "a.toml", "/").rest.has_value());
+  const Job job = read_job_text(kPicture + "[finish]\nblur_mm = 0.33\naxis = \"vertical\"\nstrategy = \"spiral\"\nalong_creases = true\n[rest]\n[dry_run]\npolish_sigma_um = 50\n", "a.toml", "/");
+  ASSERT_TRUE(job.rest.has_value());
+  EXPECT_EQ(job.rest->options.pass, "rest");
+  EXPECT_EQ(job.rest->options.axis, AxisPolicy::kVertical);
+  EXPECT_EQ(job.rest->options.strategy, Strategy::kOneWay);
+  EXPECT_EQ(job.rest->options.cusp_um, job.finish.options.cusp_um);
+  EXPECT_TRUE(job.finish.along_creases);
+  const std::string once = resolved_toml(job);
+  EXPECT_EQ(resolved_toml(read_job_text(once, "job.toml", "/elsewhere")), once);
+  EXPECT_THAT(refusal(kPicture + "[rest]\ncutter = \"" + (fixtures_folder() / "cutters/semi_finish_4mm_ball.toml").string() + "\"\n"), HasSubstr("smaller ball"));
+  EXPECT_THAT(refusal(kPicture + "[rest]\nstrategy = \"spiral\"\n"), HasSubstr("rest.strategy"));
+  EXPECT_THAT(refusal(kPicture + "[semi_finish]\nalong_creases = true\n"), HasSubstr("semi_finish.along_creases"));
+}
+
+TEST(Job, AViseStandsBesideTheBlankAndClampsNeedTheirRoom) {
+  const Job job = read_job_text(kPicture + "[stock]\nwork_holding = \"vise\"\njaw_mm = [60, 15, 4]\nmargin_mm = 3\nkeep_outs = [[-70, 0, 0, -60, 5, 9]]\n", "a.toml", "/");
+  const std::vector<KeepOut> all = keep_outs_of(job);
+  ASSERT_EQ(all.size(), 3U);
+  EXPECT_EQ(all[1].min_mm, Vec3(-30, -53 - 15, 0));
+  EXPECT_EQ(all[1].max_mm, Vec3(30, -53, 4));
+  EXPECT_EQ(all[2].min_mm, Vec3(-30, 53, 0));
+  const std::string once = resolved_toml(job);
+  EXPECT_EQ(resolved_toml(read_job_text(once, "job.toml", "/elsewhere")), once);
+  EXPECT_THAT(refusal(kPicture + "[stock]\nwork_holding = \"clamps\"\n"), HasSubstr("keep_outs"));
+  EXPECT_THAT(refusal(kPicture + "[stock]\nwork_holding = \"glue\"\n"), HasSubstr("work_holding"));
+  EXPECT_TRUE(keep_outs_of(read_job_text(kPicture, "a.toml", "/")).empty());
+}
+
 TEST(Job, WhatIsForeseenButNotThereSaysSo) {
   const std::string soon = "not supported yet";
   for (const char* section : {"[semi_finish]\nblur_mm = 0.3\n", "[rough]\naxis = \"fixed\"\n", "[dry_run]\nerror_model = \"x\"\n"}) {

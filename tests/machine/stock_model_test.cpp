@@ -492,6 +492,22 @@ TEST(StockModel, CutsCommuteRepeatAndSplitWithoutChange) {
   EXPECT_LT(largest_difference(once.heights_mm, pieces.surface().heights_mm), 1e-6);
 }
 
+TEST(StockModel, TheConeOfATaperedBallIsItsNeck) {
+  // Slots along x: as deep as the ball's equator only the ball cuts; deeper, the cone is wider than the ball's slot.
+  for (const double depth : {0.9, 3.0}) {
+    StockModel model({{20, 12}, 8}, {0.05, 0});
+    Cutter cutter = ball(2);
+    cutter.taper_rad = 0.1;
+    cutter.flute_length_mm = 10;
+    cutter.shank_diameter_mm = 4;
+    model.set_cutter(cutter);
+    feed(model, {{{-12, 0, 8 - depth}, Vec3::UnitZ()}, {{12, 0, 8 - depth}, Vec3::UnitZ()}}, 1);
+    model.flush();
+    ASSERT_EQ(model.faults().size(), depth > 1 ? 1U : 0U);
+    for (const auto& fault : model.faults()) EXPECT_EQ(fault.kind, "collision");
+  }
+}
+
 TEST(StockModel, RapidsThroughStockAreCaughtAndOthersAreNot) {
   const Blank blank{{20, 12}, 8};
   StockModel model(blank, {0.05, 0});

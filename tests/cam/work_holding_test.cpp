@@ -1,0 +1,81 @@
+#include "cam/work_holding.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "cam/finishing.h"
+#include "cam/roughing.h"
+#include "design/core/errors.h"
+#include "tests/cam/path_check.h"
+
+namespace lightmill {
+namespace {
+
+using test::spline_of;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+template <class Plan>
+std::string refusal(const Plan& plan) {
+  try {
+    plan();
+  } catch (const InputError& e) {
+    return e.what();
+  }
+  return "planned";
+}
+
+SplineSurface lens() {
+  return spline_of(Box2::centred({20, 16}), 40, 32, [](double x, double y) { return 12 + 0.03 * x + 0.1 * std::sin(0.4 * y); });
+}
+
+TEST(WorkHolding, JawsBelowThePathsAreMilledOverAndHigherOnesRefusedWithThePlace) {
+  const SplineSurface s = lens();
+  Blank blank{{20, 16}, 13.2};
+  const Cutter mill = test::cutter("rough_10mm"), ball = test::cutter("finish_4mm_ball");
+  blank.keep_outs = vise_jaws(blank.size_mm, {30, 15, 4});
+  EXPECT_EQ(refusal([&] { plan_roughing(s, blank, mill, {}); }), "planned");
+  EXPECT_EQ(refusal([&] { plan_finishing(s, blank, ball, {}); }), "planned");
+  blank.keep_outs = vise_jaws(blank.size_mm, {30, 15, 12.5});
+  EXPECT_THAT(refusal([&] { plan_roughing(s, blank, mill, {}); }), AllOf(HasSubstr("rough: the cutter or shank"), HasSubstr("holds the work near x"), HasSubstr("z 13.0")));
+  EXPECT_THAT(refusal([&] { plan_finishing(s, blank, ball, {}); }), AllOf(HasSubstr("finish"), HasSubstr("near x")));
+}
+
+TEST(WorkHolding, RapidsStayAboveTheHighestClamp) {
+  const SplineSurface s = lens();
+  Blank blank{{20, 16}, 13.2};
+  blank.keep_outs = {{{60, -5, 0}, {70, 5, 40}}};  // far beside, but high
+  const ToolPath path = plan_roughing(s, blank, test::cutter("rough_10mm"), {});
+  EXPECT_GE(path.clearance_z_mm, 45);
+  EXPECT_EQ(highest_obstacle_mm(blank), 40);
+}
+
+TEST(WorkHolding, AClampBesideTheBlankTurnsTheFixedTiltAway) {
+  const SplineSurface s = lens();
+  Blank blank{{20, 16}, 13.2};
+  const Cutter ball = test::cutter("finish_4mm_ball");
+  const ToolPath free = plan_finishing(s, blank, ball, {});
+  EXPECT_LT(free.moves.back().pose.axis.y(), -0.4) << "the usual tilt leans to -Y";
+  // A post at -Y that the leaning holder would meet, out of the ball's own way.
+  blank.keep_outs = {{{-12, -40, 0}, {12, -26, 35.6}}};
+  const ToolPath path = plan_finishing(s, blank, ball, {});
+  EXPECT_GT((path.moves.back().pose.axis - free.moves.back().pose.axis).norm(), 0.05);
+  EXPECT_EQ(refusal([&] { refuse_contact(path, blank.keep_outs); }), "planned");
+  EXPECT_NE(refusal([&] { refuse_contact(free, blank.keep_outs); }), "planned");
+}
+
+TEST(WorkHolding, AnyPartOfTheToolCountsOnAnyMove) {
+  ToolPath path;
+  path.pass = "finish";
+  path.cutter = test::cutter("finish_4mm_ball");
+  const auto at = [](double x, double z) { return ToolPose{{x, 0, z}, Vec3::UnitZ()}; };
+  path.moves = {{at(-50, 30), MoveKind::kRapid, 0}, {at(50, 30), MoveKind::kLink, 80}};
+  const auto box = [](double z0, double z1, double y) { return std::vector<KeepOut>{{{-1, y, z0}, {1, y + 1, z1}}}; };
+  EXPECT_EQ(refusal([&] { refuse_contact(path, box(0, 29, 0)); }), "planned");
+  EXPECT_THAT(refusal([&] { refuse_contact(path, box(0, 29.8, 0)); }), HasSubstr("on the way")) << "nearer than half a millimetre";
+  EXPECT_EQ(refusal([&] { refuse_contact(path, box(0, 60, 4)); }), "planned") << "beside the shank, below the holder";
+  EXPECT_THAT(refusal([&] { refuse_contact(path, box(0, 63, 4)); }), HasSubstr("the holder"));
+}
+
+}  // namespace
+}  // namespace lightmill
