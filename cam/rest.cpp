@@ -97,6 +97,12 @@ void cut(const SplineSurface& surface, const ReachableSurface& reachable, const 
 
 std::vector<Vec2> line_to_follow(const Crease& crease) {
   const std::vector<Vec2>& line = crease.line_mm;
+  if (line.size() == 1) {
+    // A spot: along its hollow, which lies across the flanks' normals.
+    const Vec2 across = (crease.one_normal - crease.other_normal).head<2>();
+    const Vec2 along = across.norm() > 1e-9 ? Vec2(Vec2(-across.y(), across.x()).normalized()) : Vec2(1, 0);
+    return {line[0] - kLegMm / 2 * along, line[0] + kLegMm / 2 * along};
+  }
   std::vector<double> at = {0};
   for (std::size_t k = 1; k < line.size(); ++k) at.push_back(at.back() + (line[k] - line[k - 1]).norm());
   if (line.size() < 2 || at.back() < 1e-9) return line;

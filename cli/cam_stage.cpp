@@ -125,7 +125,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   if (job.rest) {
     rest_options = job.rest->options;
     rest_options.outline = finish.outline;
-    constexpr double kShortestMm = 0.1;  // a crease may be out of reach in pieces
+    constexpr double kShortestMm = 0;  // a crease may be out of reach in spots
     rest = plan_rest(surface, blank, job.rest->cutter, concave_creases(surface, reachable, kShortestMm), reachable, rest_options, monitor.part(0.9, 0.93));
     if (rest->ways > 0) passes.push_back(std::move(rest->path));
   }

@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include <Eigen/Geometry>
+
 #include "cam/detail/ball_contact.h"
 #include "cam/finishing.h"
 #include "cam/roughing.h"
