@@ -11,6 +11,7 @@
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/text.h"
+#include "machine/diffraction.h"
 #include "machine/dry_run.h"
 #include "postproc/kinematics.h"
 
@@ -41,6 +42,16 @@ std::vector<fs::path> programs_of(const RunFolder& folder, std::vector<Fault>& f
     faults.push_back(fault);
   }
   return programs;
+}
+
+std::string picture_name(int number) { return "dry_run/fault_" + std::string(number < 10 ? "0" : "") + std::to_string(number) + ".svg"; }
+
+json to_json(const CuspDiffraction& diffraction) {
+  json orders = json::array();
+  for (const DiffractionOrder& order : diffraction.orders) {
+    orders.push_back({{"order", order.order}, {"offset_mm", order.offset_mm}, {"share", order.share}});
+  }
+  return {{"phase_rad", diffraction.phase_rad}, {"order_spacing_mm", diffraction.order_spacing_mm}, {"rms_mm", diffraction.rms_mm}, {"orders", orders}};
 }
 
 std::string place(const Vec2& p) { return "x " + fixed(p.x(), 2) + ", y " + fixed(p.y(), 2) + " mm"; }
@@ -120,12 +131,34 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   StageResult result;
   json& report = result.report["dry_run"];
   report["caustic"]["raw"] = cast(machined.heights_mm, "dry_run/caustic_machined_raw.png", monitor.part(0.88, 0.93));
-  report["caustic"]["polished"] = cast(light.polished(machined, job.dry_run.polish_sigma_um),
-                                       "dry_run/caustic_machined.png", monitor.part(0.93, 1));
+  const Grid<float> polished = light.polished(machined, job.dry_run.polish_sigma_um);
+  report["caustic"]["polished"] = cast(polished, "dry_run/caustic_machined.png", monitor.part(0.93, 1));
+  constexpr double kPolishRim_mm = 1;
+  if (!light.outline_if_beside()) {
+    report["polish_removal_um"] = polish_removal_um(machined.heights_mm, polished, static_cast<int>(kPolishRim_mm / machined.pitch_mm));
+  }
+  if (const double period = cam.value("/finish/stepover_mm"_json_pointer, 0.0); job.dry_run.wavelength_um > 0 && period > 0) {
+    CuspGrating grating{period, deviation.p99_cusp_um, 0, job.lens.refractive_index, job.receiver.distance_mm, job.dry_run.wavelength_um};
+    report["diffraction"]["raw"] = to_json(cusp_diffraction(grating));
+    grating.polish_sigma_um = job.dry_run.polish_sigma_um;
+    report["diffraction"]["polished"] = to_json(cusp_diffraction(grating));
+    report["diffraction"]["period_mm"] = period;
+    report["diffraction"]["wavelength_um"] = job.dry_run.wavelength_um;
+  }
 
   json list = json::array();
   std::map<std::string, long> kinds;
-  for (const Fault& fault : faults) {
+  int pictures = 0;
+  std::error_code ignored;
+  for (int k = 1; fs::remove(folder.file(picture_name(k)), ignored); ++k) {
+  }
+  for (Fault& fault : faults) {
+    if (!fault.picture.empty()) {
+      const std::string name = picture_name(++pictures);
+      write_whole(folder.file(name), fault.picture);
+      result.files.push_back(name);
+      fault.picture = name;
+    }
     list.push_back(to_json(fault));
     ++kinds[fault.kind];
   }
@@ -169,8 +202,8 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
                     {"digest_matches", outcome.digest_matches}};
   report["streams"] = streams;
   report["seconds"] = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
-  result.files = {"dry_run/machined.tif", "dry_run/machined_peaks.tif", "dry_run/result.json", "dry_run/faults.json",
-                  "dry_run/deviation.png", "dry_run/caustic_machined.png", "dry_run/caustic_machined_raw.png"};
+  result.files.insert(result.files.end(), {"dry_run/machined.tif", "dry_run/machined_peaks.tif", "dry_run/result.json", "dry_run/faults.json",
+                                           "dry_run/deviation.png", "dry_run/caustic_machined.png", "dry_run/caustic_machined_raw.png"});
   return result;
 }
 

@@ -365,6 +365,7 @@ void read_dry_run(TomlTable table, Job& job) {
   DryRunSpec& o = job.dry_run;
   o.pitch_um = table.number_in("pitch_um", o.pitch_um, 1, 1000);
   o.polish_sigma_um = table.number_in("polish_sigma_um", o.polish_sigma_um, 0, 10000);
+  o.wavelength_um = table.number_in("wavelength_um", o.wavelength_um, 0, 20);
   if (job.finish.blur_mm) {
     job.finish.options.cusp_um = cusp_for_blur_um(job.finish.cutter.radius_mm(), *job.finish.blur_mm, job.receiver.distance_mm,
                                                   job.lens.refractive_index, o.polish_sigma_um / 1000);
@@ -707,6 +708,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   sections["dry_run"] = Section()
                             .put("pitch_um", job.dry_run.pitch_um)
                             .put("polish_sigma_um", job.dry_run.polish_sigma_um)
+                            .put("wavelength_um", job.dry_run.wavelength_um)
                             .put("gouge_tolerance_um", job.dry_run.gouge_tolerance_um)
                             .put("cusp_limit_um", job.dry_run.cusp_limit_um)
                             .put("time_factor", job.dry_run.time_factor);

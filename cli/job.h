@@ -94,6 +94,7 @@ struct ControllerSpec {
 struct DryRunSpec {
   double pitch_um = 20;
   double polish_sigma_um = 100;         ///< hand polish as a Gaussian low-pass of the heights; 0: as milled
+  double wavelength_um = 0.55;          ///< of the light that the cusps diffract; 0: not looked at
   double gouge_tolerance_um = 1;        ///< deeper below the reachable surface is a fault
   double cusp_limit_um = 1.5;           ///< higher where the surface is reachable is a fault
   double time_factor = 0;               ///< 0: the simulated machine runs as fast as it can

@@ -145,7 +145,13 @@ std::string faults_table(const RunFolder& folder) {
     html += "<tr><td><span class=no>" + escaped(f.value("kind", "")) + "</span></td><td>" + escaped(f.value("program", "")) + "</td><td class=number>" +
             (line > 0 ? std::to_string(line) : "") + "</td><td>" + escaped(f.value("message", "")) + "</td><td class=number>" + where + "</td></tr>\n";
   }
-  html += "</table>\n";
+  html += "</table>\n<div class=pictures style=\"margin-top:14px\">\n";
+  for (const json& f : faults) {
+    if (f.value("picture", "").empty()) continue;
+    html += picture(folder, f.value("picture", ""), f.value("kind", "") + " in " + f.value("program", "") + ", line " + std::to_string(f.value("line", 0L)),
+                    f.value("message", ""));
+  }
+  html += "</div>\n";
   if (faults.size() > kMostRows) {
     html += "<p class=soft>" + std::to_string(faults.size() - kMostRows) + " more in <a href=\"dry_run/faults.json\">faults.json</a>.</p>\n";
   }
@@ -323,6 +329,10 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   }
   figures.row("/dry_run/caustic/polished/l1_error", "picture error, polished (model)", "", 3);
   figures.row("/dry_run/caustic/raw/l1_error", "picture error, raw", "", 3);
+  figures.row("/dry_run/polish_removal_um", "depth that the polish takes away, at least (model)", "µm", 2);
+  figures.row("/dry_run/diffraction/raw/order_spacing_mm", "the cusps' diffraction orders stand apart on the wall by", "mm", 2);
+  figures.row("/dry_run/diffraction/raw/orders/0/share", "light that the raw cusps leave in place (order 0)", "%", 1, {}, 100);
+  figures.row("/dry_run/diffraction/polished/orders/0/share", "the same after the polish (model)", "%", 1, {}, 100);
   html += "<h2>Figures</h2>\n" + figures.table();
   html += warnings_box(job, report);
   html += faults_table(folder);

@@ -23,7 +23,8 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 json to_json(const Fault& fault) {
-  return {{"kind", fault.kind},       {"program", fault.program},
+  return {{"picture", fault.picture},
+          {"kind", fault.kind},       {"program", fault.program},
           {"line", fault.line},       {"message", fault.message},
           {"amount_mm", fault.amount_mm}, {"place_mm", {fault.place_mm.x(), fault.place_mm.y(), fault.place_mm.z()}}};
 }
@@ -36,6 +37,7 @@ Fault fault_from(const json& j) {
   fault.program = j.at("program");
   fault.line = j.at("line");
   fault.message = j.at("message");
+  fault.picture = j.value("picture", "");
   fault.amount_mm = j.at("amount_mm").is_number() ? j.at("amount_mm").get<double>() : 0;
   for (int i = 0; i < 3; ++i) fault.place_mm[i] = j.at("place_mm").at(i).is_number() ? j.at("place_mm").at(i).get<double>() : 0;
   return fault;
@@ -92,10 +94,24 @@ struct LinkGuard {
   }
 };
 
-/// What the operator has put on the machine.
-OperatorSetup setup_of(const SimulatedShop& shop) {
+/// The table's top where it carries the work, as a box around its disk; below the workpiece's back.
+std::optional<KeepOut> table_of(const MachineModel& machine, const SimulatedShop& shop) {
+  if (machine.chain == Chain::kHeadHead || !(machine.table_radius_mm > 0)) return std::nullopt;
+  const Vec3 centre = machine.table_centre_mm - shop.workpiece_origin_mm;
+  const Vec3 half(machine.table_radius_mm, machine.table_radius_mm, 0);
+  return KeepOut{centre - half - Vec3(0, 0, 1000), centre + half};
+}
+
+/// What the operator has put on the machine; the spindle's nose ends every holder.
+OperatorSetup setup_of(const SimulatedShop& shop, const MachineModel& machine) {
   OperatorSetup setup;
   for (const auto& file : shop.cutter_files) setup.cutters.push_back(as_it_turns(read_cutter(file), shop.errors));
+  if (machine.spindle_nose_radius_mm > 0) {
+    for (Cutter& cutter : setup.cutters) {
+      cutter.holder.push_back({cutter.length_mm, cutter.length_mm + machine.spindle_nose_length_mm, machine.spindle_nose_radius_mm,
+                               machine.spindle_nose_radius_mm});
+    }
+  }
   setup.errors = shop.errors;
   setup.blank = shop.blank;
   setup.workpiece_origin_mm = shop.workpiece_origin_mm;
@@ -140,7 +156,7 @@ std::vector<std::string> machine_arguments(const SimulatedShop& shop, const fs::
 
 void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::path& out, const std::function<bool()>& should_end) {
   const MachineModel machine = read_machine(shop.machine_file);
-  const OperatorSetup setup = setup_of(shop);
+  const OperatorSetup setup = setup_of(shop, machine);
   SimulationOptions options;
   options.time_factor = shop.time_factor;
   options.personality = personality(shop.protocol);
@@ -152,6 +168,7 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
     options.remove_stock = false;
   }
   options.stock.pitch_mm = shop.pitch_um / 1000;
+  options.stock.table = table_of(machine, shop);
   LineOptions line;
   line.baud = shop.baud;
   line.even_parity = takes_text;
@@ -325,9 +342,10 @@ SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string
   if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
   for (const char* stale : {"machined.tif", "machined_peaks.tif", "result.json", "errors.toml"}) fs::remove(out / stale, error);
   const MachineModel machine = read_machine(shop.machine_file);
-  const OperatorSetup setup = setup_of(shop);
+  const OperatorSetup setup = setup_of(shop, machine);
   StockOptions stock;
   stock.pitch_mm = shop.pitch_um / 1000;
+  stock.table = table_of(machine, shop);
   std::vector<ProgramFile> files;
   SimulationOutcome outcome;
   for (const auto& program : programs) {

@@ -252,6 +252,16 @@ Grid<float> polish(const Grid<float>& heights_mm, double pitch_mm, double sigma_
   return result;
 }
 
+double polish_removal_um(const Grid<float>& milled_mm, const Grid<float>& polished_mm, int rim_nodes) {
+  double most = 0;
+  for (int j = rim_nodes; j < milled_mm.height - rim_nodes; ++j) {
+    for (int i = rim_nodes; i < milled_mm.width - rim_nodes; ++i) {
+      most = std::max(most, static_cast<double>(polished_mm.at(i, j)) - milled_mm.at(i, j));
+    }
+  }
+  return most * 1000;
+}
+
 Grid<float> thinned(const Grid<float>& heights, int most_nodes) {
   if (most_nodes < 1) throw InputError("a drawing needs at least one pixel, not " + std::to_string(most_nodes));
   const int longer = std::max(heights.width, heights.height);

@@ -46,6 +46,10 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
 /// reflection (planes stay planes up to the rim). sigma 0: as milled.
 Grid<float> polish(const Grid<float>& heights_mm, double pitch_mm, double sigma_um);
 
+/// A polish takes away and adds nothing: how far below the milled surface the smoothed one must lie so that it is nowhere
+/// above it, which is also the mean depth removed. All but a rim is looked at.
+double polish_removal_um(const Grid<float>& milled_mm, const Grid<float>& polished_mm, int rim_nodes);
+
 /// Heights for a drawing: means of square blocks so that the longer side has at most `most_nodes`.
 Grid<float> thinned(const Grid<float>& heights, int most_nodes);
 

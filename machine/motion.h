@@ -41,6 +41,7 @@ struct Fault {
   std::string message;   ///< one line for the operator
   Vec3 place_mm = Vec3::Zero();  ///< workpiece frame, if it has one
   double amount_mm = 0;  ///< depth, overtravel...
+  std::string picture{}; ///< SVG: a section at the place; empty: none
 };
 
 }  // namespace lightmill

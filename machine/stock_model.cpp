@@ -10,6 +10,7 @@
 #include "design/core/image.h"
 #include "design/core/parallel.h"
 #include "design/core/text.h"
+#include "machine/detail/fault_picture.h"
 #include "machine/detail/stock_field.h"
 #include "machine/detail/stock_tool.h"
 
@@ -35,6 +36,12 @@ constexpr double kCollisionPiece_mm = 0.5;
 constexpr double kSameVertex_mm = 1e-6;
 /// The tip may be this far below the back of the blank before that is a fault.
 constexpr double kTable_mm = 1e-3;
+/// Poses along a move at which the tool is held against keep-outs, and points of a box per side.
+constexpr double kObstacleSpacing_mm = 0.5;
+constexpr int kObstaclePoints = 24;
+constexpr std::size_t kMostPictures = 12;
+/// A fault that has got deeper by this factor is drawn again.
+constexpr double kDrawnAgain = 1.3;
 
 }  // namespace
 
@@ -52,6 +59,7 @@ struct StockModel::Impl {
     long first_line = 0, last_line = 0;
     long last_move = 0;
     long moves = 0;
+    double drawn_mm = 0;  ///< depth in the picture
   };
 
   /// Where the path of cuts stands, so that only the wedge at a vertex is looked at and not a whole sphere.
@@ -80,10 +88,13 @@ struct StockModel::Impl {
   };
 
   Impl(const Blank& blank, const StockOptions& stock_options)
-      : field(blank, stock_options.pitch_mm), options(stock_options) {}
+      : field(blank, stock_options.pitch_mm), options(stock_options), obstacles(blank.keep_outs) {
+    if (options.table) obstacles.push_back(*options.table);
+  }
 
   StockField field;
   StockOptions options;
+  std::vector<KeepOut> obstacles;  ///< clamps, then the table
   std::vector<Tool> tools;
   std::vector<Piece> pieces;
   std::vector<Sweep> sweeps;  ///< not yet cut
@@ -101,6 +112,7 @@ struct StockModel::Impl {
   void add_cut(const Piece& piece);
   void add_flutes(const Piece& piece);
   void end_path();
+  void check_obstacles(const Piece& piece);
   void check_tip(const Piece& piece, double margin, const std::string& kind, const std::string& says);
   [[nodiscard]] std::vector<Sweep> tip_sweeps(const Piece& piece, double margin) const;
   [[nodiscard]] double lowest_of_tip(const Piece& piece) const;
@@ -136,6 +148,8 @@ const char* name_of(Tool::Part part) {
       return "flutes";
     case Tool::Part::kShank:
       return "shank";
+    case Tool::Part::kNose:
+      return "spindle nose";
     case Tool::Part::kHolder:
       break;
   }
@@ -175,6 +189,11 @@ void StockModel::Impl::report(const std::string& kind, const std::string& part, 
       faults[k].amount_mm = amount;
       faults[k].place_mm = place;
     }
+  }
+  if (k < kMostPictures && faults[k].amount_mm > kDrawnAgain * runs[k].drawn_mm) {
+    runs[k].drawn_mm = faults[k].amount_mm;
+    faults[k].picture = fault_picture(field, tools[piece.tool], piece.move.to, piece.move.to.tip_mm - piece.move.from.tip_mm, place,
+                                      obstacles, kind + (part.empty() ? "" : ", " + part) + ", line " + std::to_string(piece.move.line));
   }
   const FaultRun& run = runs[k];
   const Vec3& p = faults[k].place_mm;
@@ -349,6 +368,82 @@ void StockModel::Impl::apply() {
   pieces.clear();
 }
 
+/// The whole tool against clamps and table, at poses along the move. A box is taken as reaching down to the table; the lowest
+/// point of a body over its rectangle is looked for on a grid, as the underside is convex.
+void StockModel::Impl::check_obstacles(const Piece& piece) {
+  const Tool& tool = tools[piece.tool];
+  const Vec3 way = piece.move.to.tip_mm - piece.move.from.tip_mm;
+  const auto low_of = [&](const Frustum& body, const ToolPose& pose, const Box2& over, double& x, double& y) {
+    double lowest = kNothing;
+    for (int i = 0; i <= kObstaclePoints; ++i) {
+      for (int j = 0; j <= kObstaclePoints; ++j) {
+        const Vec2 p = over.min + over.size().cwiseProduct(Vec2(i, j)) / kObstaclePoints;
+        const double z = underside(body, pose.tip_mm, pose.axis, p.x(), p.y());
+        if (z >= lowest) continue;
+        lowest = z;
+        x = p.x();
+        y = p.y();
+      }
+    }
+    return lowest;
+  };
+  const auto check = [&](const char* part, const Frustum& body) {
+    const double radius = std::max(body.from_radius_mm, body.to_radius_mm);
+    for (std::size_t k = 0; k < obstacles.size(); ++k) {
+      const KeepOut& box = obstacles[k];
+      const auto near = [&](const ToolPose& a, const ToolPose& b) -> std::optional<Box2> {
+        Box2 bounds;
+        double lowest = kNothing;
+        for (const ToolPose* pose : {&a, &b}) {
+          for (const double h : {body.from_mm, body.to_mm}) {
+            const Vec3 c = pose->tip_mm + h * pose->axis;
+            const Vec2 half = radius * (Vec2::Ones() - pose->axis.head<2>().cwiseAbs2()).cwiseMax(0).cwiseSqrt();
+            bounds.include(c.head<2>() - half);
+            bounds.include(c.head<2>() + half);
+            lowest = std::min(lowest, c.z() - radius * std::hypot(pose->axis.x(), pose->axis.y()));
+          }
+        }
+        if (lowest >= box.max_mm.z()) return std::nullopt;
+        bounds.min = bounds.min.cwiseMax(box.min_mm.head<2>());
+        bounds.max = bounds.max.cwiseMin(box.max_mm.head<2>());
+        if ((bounds.size().array() <= 0).any()) return std::nullopt;
+        return bounds;
+      };
+      if (!near(piece.move.from, piece.move.to)) continue;
+      const double angle = turn(piece.move.from, piece.move.to);
+      const int count = std::clamp(static_cast<int>(std::ceil((way.norm() + angle * body.to_mm) / kObstacleSpacing_mm)), 1, 10000);
+      double deepest = 0;
+      Vec3 place = Vec3::Zero();
+      for (int n = 0; n <= count; ++n) {
+        const ToolPose pose = pose_at(piece.move, angle, static_cast<double>(n) / count);
+        const auto over = near(pose, pose);
+        if (!over) continue;
+        double x = 0, y = 0;
+        const double depth = box.max_mm.z() - low_of(body, pose, *over, x, y);
+        if (depth <= deepest) continue;
+        deepest = depth;
+        place = {x, y, box.max_mm.z()};
+      }
+      if (deepest <= kTouch_mm) continue;
+      const bool table = options.table && k + 1 == obstacles.size();
+      const std::string what = table ? "the table" : "keep-out " + std::to_string(k + 1);
+      report("collision", std::string(part) + " in " + what, piece,
+             "the " + std::string(part) + " is " + mm(deepest) + " below the top of " + what, place, deepest);
+    }
+  };
+  // A ball's end is a short frustum within it, exact where it is lowest if upright and at most a tenth of a mm small beside.
+  constexpr int kRings = 6;
+  const double core = tool.radius_mm - tool.corner_mm;
+  for (int n = 0; n < kRings && tool.corner_mm > 0; ++n) {
+    const auto radius = [&](double h) { return core + std::sqrt(std::max(0.0, tool.corner_mm * tool.corner_mm - (tool.corner_mm - h) * (tool.corner_mm - h))); };
+    const auto up = [&](int ring) { return tool.corner_mm * ring * ring / (kRings * kRings); };
+    check("cutter", {up(n), up(n + 1), radius(up(n)), radius(up(n + 1))});
+  }
+  for (const Tool::Slice& slice : tool.slices) {
+    check(slice.part == Tool::Part::kFlutes ? "cutter" : name_of(slice.part), slice.body);
+  }
+}
+
 /// Checks a move against the stock as it stands and cuts. Runs in the order of time.
 void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
   const Tool& tool = tools[piece.tool];
@@ -363,6 +458,8 @@ void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
     report("table", "", piece, "the cutter goes " + mm(below_table) + " below the back of the blank",
            piece.move.to.tip_mm, below_table);
   }
+
+  if (!obstacles.empty()) check_obstacles(piece);
 
   bool removes = cutting;
   if (suspicion.body || (!cutting && (suspicion.tip || suspicion.flutes))) {

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "cam/blank.h"
@@ -16,6 +17,7 @@ namespace lightmill {
 struct StockOptions {
   double pitch_mm = 0.02;
   double rapid_clearance_mm = 0.0;  ///< a rapid whose cutter comes nearer to material than this is a fault
+  std::optional<KeepOut> table{};   ///< the machine's, workpiece frame: nothing of a cutter may enter it
 };
 
 /// What is left after the program: node (i, j) at extent.min + pitch * (i, j), row 0 at the smallest y.
@@ -42,7 +44,7 @@ class StockModel {
   /// The cutter that the next moves use.
   void set_cutter(const Cutter& cutter);
   /// A move of the current cutter: feed moves cut; rapids must not touch. Shank and holder must never touch. Faults are of the
-  /// kinds "rapid_in_stock", "spindle_off_in_cut", "collision" (shank or holder) and "table" (below the blank's back); one that
+  /// kinds "rapid_in_stock", "spindle_off_in_cut", "collision" (shank, holder or spindle nose in the stock, anything in a keep-out or the table) and "table" (below the blank's back); one that
   /// repeats on consecutive moves or lines is one entry with a count. Throws InputError before the first set_cutter().
   void move(const SweptMove& move);
   /// Applies what is still collected; only then are the faults complete.

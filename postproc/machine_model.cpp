@@ -135,6 +135,8 @@ MachineModel read_machine(const std::filesystem::path& path) {
   machine.table_centre_mm = required_vector(file, "table_centre_mm");
   machine.table_radius_mm = positive(file, "table_radius_mm");
   machine.max_tool_length_mm = positive(file, "max_tool_length_mm");
+  machine.spindle_nose_radius_mm = file.number_in("spindle_nose_radius_mm", 0, 0, 1000);
+  machine.spindle_nose_length_mm = file.number_in("spindle_nose_length_mm", 0, 0, 2000);
   machine.spindle_start_s = file.number_in("spindle_start_s", 0, 0, 600);
 
   machine.x = read_linear(file.table("x"));

@@ -59,6 +59,8 @@ struct MachineModel {
   Vec3 tool_change_mm = Vec3::Zero();
   std::optional<Vec2> park_mm;       ///< X and Y at the machine's top where a program ends; empty: where it stands
   double max_tool_length_mm = 0;
+  double spindle_nose_radius_mm = 0; ///< of the body above the gauge line; 0: not known, not checked
+  double spindle_nose_length_mm = 0; ///< how far up it reaches
   double min_spindle_rpm = 0;
   double max_spindle_rpm = 0;
   double spindle_start_s = 0;        ///< dwell until the spindle is at speed

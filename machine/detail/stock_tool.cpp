@@ -72,7 +72,7 @@ Tool::Tool(const Cutter& cutter)
   const double shank = cutter.shank_diameter_mm / 2;
   add(Part::kShank, {flute_length_mm, shank_end, shank, shank});
   for (const HolderPiece& piece : cutter.holder) {
-    add(Part::kHolder, {piece.from_mm, piece.to_mm, piece.from_radius_mm, piece.to_radius_mm});
+    add(piece.from_mm >= cutter.length_mm ? Part::kNose : Part::kHolder, {piece.from_mm, piece.to_mm, piece.from_radius_mm, piece.to_radius_mm});
   }
 }
 

@@ -14,7 +14,7 @@ namespace lightmill {
 inline constexpr double kTouch_mm = 1e-3;
 
 struct Tool {
-  enum class Part { kFlutes, kShank, kHolder };
+  enum class Part { kFlutes, kShank, kHolder, kNose };
   struct Slice {
     Part part;
     Frustum body;

@@ -282,8 +282,7 @@ std::vector<Planted> planted() {
   });
   add("a flat mill in the ball's place", [](World& w) { w.setup.cutters[1].corner_radius_mm = 0; });
   add("a holder that is too low", [](World& w) { w.setup.cutters[1].holder.front().from_mm = 3; });
-  add("a clamp in the way", [](World& w) { w.setup.blank.keep_outs.push_back({{-4, -4, 0}, {4, 4, 16}}); },
-      "keep-out boxes are not yet part of the simulated shop");
+  add("a clamp in the way", [](World& w) { w.setup.blank.keep_outs.push_back({{-4, -12, 0}, {4, 12, 16}}); });
   add("outer axis turns the other way", [](World& w) { w.machine.outer.direction *= -1; });
   add("inner axis turns the other way", [](World& w) { w.machine.inner.direction *= -1; });
   add("outer pivot 0.5 mm off", [](World& w) { w.machine.outer.point_mm.x() += 0.5; });

@@ -697,6 +697,55 @@ TEST(StockModel, FlutesOfALeaningBallTakeTheWallThatTheyLeanInto) {
   }
 }
 
+// A clamp 5 mm high from x = 6 on: a ball beside it, into it, over it.
+TEST(StockModel, NothingOfACutterMayEnterAKeepOut) {
+  Blank blank{{8, 10}, 3};
+  blank.keep_outs = {{{6, -5, 0}, {12, 5, 5}}};
+  const auto faults_at = [&](const Vec3& centre) {
+    StockModel model(blank, {0.2, 0});
+    model.set_cutter(ball(4));
+    feed(model, {pose_of_centre({-3, 0, 9}, 2), pose_of_centre(centre, 2)});
+    model.flush();
+    return model.faults();
+  };
+  EXPECT_TRUE(faults_at({3.9, 0, 5}).empty());
+  EXPECT_TRUE(faults_at({5, 0, 8}).empty());
+  const auto faults = faults_at({5, 0, 5});
+  ASSERT_EQ(faults.size(), 1U);
+  EXPECT_EQ(faults[0].kind, "collision");
+  EXPECT_EQ(faults[0].line, 1);
+  EXPECT_NE(faults[0].message.find("keep-out 1"), std::string::npos) << faults[0].message;
+  // Over the box's edge, 1 mm off its axis, the ball's underside is at 5 - sqrt(4 - 1).
+  EXPECT_NEAR(faults[0].amount_mm, std::sqrt(3.0), 0.1);
+  EXPECT_NE(faults[0].picture.find("<svg"), std::string::npos);
+  EXPECT_NE(faults[0].picture.find("<polygon"), std::string::npos);
+}
+
+TEST(StockModel, AToolThatLeansIntoTheTableIsCaughtWithItsNose) {
+  StockOptions options{0.5, 0};
+  options.table = KeepOut{{-100, -100, -50}, {100, 100, -2}};
+  Cutter cutter = ball(4);
+  cutter.shank_diameter_mm = 4;
+  cutter.length_mm = 40;
+  cutter.holder = {{40, 60, 25, 25}};
+  for (const double lean : {20.0, 80.0}) {
+    StockModel model({{8, 10}, 3}, options);
+    model.set_cutter(cutter);
+    const Vec3 axis = leaning(lean, 0);
+    feed(model, {pose_of_centre({0, 0, 9}, 2, axis), pose_of_centre({0, 0, 6}, 2, axis)});
+    model.flush();
+    if (lean < 45) {
+      EXPECT_TRUE(model.faults().empty());
+      continue;
+    }
+    ASSERT_EQ(model.faults().size(), 1U);
+    EXPECT_NE(model.faults()[0].message.find("the spindle nose is"), std::string::npos) << model.faults()[0].message;
+    // The nose's lower rim: (6 - 2 cos) + 40 cos - 25 sin above the back.
+    const double rim = 6 + 38 * axis.z() - 25 * axis.x();
+    EXPECT_NEAR(model.faults()[0].amount_mm, -2 - rim, 0.6);
+  }
+}
+
 TEST(StockModel, FilesReadBackAsWritten) {
   const auto folder = std::filesystem::temp_directory_path() / "lightmill_stock_test";
   std::filesystem::create_directories(folder);

@@ -1,0 +1,107 @@
+#include "machine/detail/fault_picture.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "design/core/markup.h"
+#include "design/core/text.h"
+
+namespace lightmill {
+
+namespace {
+
+constexpr double kWidth_mm = 40, kHeight_mm = 30;  ///< what is seen around the fault
+constexpr double kPixelsPerMm = 14;
+constexpr int kColumns = 400;
+
+}  // namespace
+
+std::string fault_picture(const StockField& field, const Tool& tool, const ToolPose& pose, const Vec3& motion_mm,
+                          const Vec3& place_mm, const std::vector<KeepOut>& obstacles, const std::string& title) {
+  Vec2 along = pose.axis.head<2>();
+  if (along.norm() < 1e-3) along = motion_mm.head<2>();
+  along = along.norm() > 1e-9 ? along.normalized().eval() : Vec2(1, 0);
+  const Vec2 centre = place_mm.head<2>();
+  const double left = -kWidth_mm / 2, bottom = place_mm.z() - kHeight_mm * 0.4;
+  const auto x = [&](double s) { return compact((s - left) * kPixelsPerMm, 1); };
+  const auto y = [&](double z) { return compact((kHeight_mm - (z - bottom)) * kPixelsPerMm, 1); };
+  const auto point = [&](double s, double z) { return x(s) + "," + y(z) + " "; };
+  const std::string width = compact(kWidth_mm * kPixelsPerMm, 0), height = compact(kHeight_mm * kPixelsPerMm, 0);
+  std::string svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 " + width + " " + height + "\" width=\"" + width + "\" height=\"" +
+                    height + "\">\n<rect width=\"" + width + "\" height=\"" + height + "\" fill=\"#ffffff\"/>\n";
+
+  // The stock along the plane.
+  const auto height_at = [&](double s) {
+    const Vec2 p = centre + s * along;
+    const double i = std::round((p.x() - field.extent().min.x()) / field.pitch_mm()), j = std::round((p.y() - field.extent().min.y()) / field.pitch_mm());
+    const Grid<float>& heights = field.heights();
+    if (i < 0 || j < 0 || i >= heights.width || j >= heights.height) return 0.0;
+    return static_cast<double>(heights.at(static_cast<int>(i), static_cast<int>(j)));
+  };
+  std::string outline = point(left, std::min(0.0, bottom));
+  for (int k = 0; k <= kColumns; ++k) {
+    const double s = left + kWidth_mm * k / kColumns;
+    outline += point(s, height_at(s));
+  }
+  svg += "<polygon points=\"" + outline + point(-left, std::min(0.0, bottom)) + "\" fill=\"#bcd3ea\" stroke=\"#3b6ea5\"/>\n";
+
+  // Clamps and table, where the plane meets them.
+  for (const KeepOut& box : obstacles) {
+    double from = left, to = -left;
+    for (int axis = 0; axis < 2; ++axis) {
+      if (std::abs(along[axis]) < 1e-9) {
+        if (centre[axis] < box.min_mm[axis] || centre[axis] > box.max_mm[axis]) to = from;
+        continue;
+      }
+      const double a = (box.min_mm[axis] - centre[axis]) / along[axis], b = (box.max_mm[axis] - centre[axis]) / along[axis];
+      from = std::max(from, std::min(a, b));
+      to = std::min(to, std::max(a, b));
+    }
+    if (to <= from) continue;
+    const double low = std::max(box.min_mm.z(), bottom - 10);
+    svg += "<polygon points=\"" + point(from, low) + point(from, box.max_mm.z()) + point(to, box.max_mm.z()) + point(to, low) +
+           "\" fill=\"#9aa3ad\" stroke=\"#5b6675\"/>\n";
+  }
+
+  // The tool: its outline in the plane, that of a body of revolution whose axis lies in it.
+  const double tip_s = (pose.tip_mm.head<2>() - centre).dot(along);
+  const Vec2 axis = Vec2(pose.axis.head<2>().dot(along), pose.axis.z()).normalized();
+  const Vec2 across(axis.y(), -axis.x());
+  const Vec2 tip(tip_s, pose.tip_mm.z());
+  const auto part = [&](const std::vector<Vec2>& side, const char* fill) {
+    std::string points;
+    for (const Vec2& p : side) {
+      const Vec2 q = tip + p.y() * axis + p.x() * across;
+      points += point(q.x(), q.y());
+    }
+    for (std::size_t k = side.size(); k-- > 0;) {
+      const Vec2 q = tip + side[k].y() * axis - side[k].x() * across;
+      points += point(q.x(), q.y());
+    }
+    svg += "<polygon points=\"" + points + "\" fill=\"" + fill + "\" fill-opacity=\"0.75\" stroke=\"#1c2430\" stroke-width=\"0.7\"/>\n";
+  };
+  std::vector<Vec2> end{{0, 0}};
+  for (int k = 0; k <= 16; ++k) {
+    const double angle = kPi / 2 * k / 16;
+    end.emplace_back(tool.radius_mm - tool.corner_mm + tool.corner_mm * std::sin(angle), tool.corner_mm * (1 - std::cos(angle)));
+  }
+  part(end, "#e8b04a");
+  for (const Tool::Slice& slice : tool.slices) {
+    const char* fill = slice.part == Tool::Part::kFlutes ? "#e8b04a" : slice.part == Tool::Part::kShank ? "#c9ced6" : "#8f98a3";
+    part({{slice.body.from_radius_mm, slice.body.from_mm}, {slice.body.to_radius_mm, slice.body.to_mm}}, fill);
+  }
+
+  svg += "<circle cx=\"" + x(0) + "\" cy=\"" + y(place_mm.z()) + "\" r=\"9\" fill=\"none\" stroke=\"#b3261e\" stroke-width=\"2.5\"/>\n";
+  const auto words = [&](double px, double py, const std::string& text) {
+    svg += "<text x=\"" + compact(px, 0) + "\" y=\"" + compact(py, 0) + "\" font-family=\"DejaVu Sans, Arial, sans-serif\" font-size=\"13\" fill=\"#1c2430\">" +
+           escaped(text) + "</text>\n";
+  };
+  words(10, 20, title);
+  const double low = kHeight_mm * kPixelsPerMm - 14;
+  svg += "<line x1=\"10\" y1=\"" + compact(low, 0) + "\" x2=\"" + compact(10 + 5 * kPixelsPerMm, 0) + "\" y2=\"" + compact(low, 0) +
+         "\" stroke=\"#1c2430\" stroke-width=\"3\"/>\n";
+  words(10 + 5 * kPixelsPerMm + 8, low + 5, "5 mm");
+  return svg + "</svg>\n";
+}
+
+}  // namespace lightmill
