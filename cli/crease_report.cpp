@@ -44,6 +44,7 @@ json creases_json(const SplineSurface& surface, const ReachableSurface& reachabl
                     {"most_angle_deg", crease.most_angle_rad * 180 / kPi},
                     {"fillet_mm", crease.fillet_mm},
                     {"leftover_um", crease.leftover_um},
+                    {"leftover_deg", crease.most_angle_rad / 2 * 180 / kPi},  // half way between the flanks, which a fillet's middle is
                     {"light_lost_share", crease.area_mm2 / lens_area},
                     {"lands_between_mm",
                      {landing(middle, height, crease.one_normal, job, receiver), landing(middle, height, crease.other_normal, job, receiver)}},
@@ -65,7 +66,8 @@ std::string creases_text(const json& creases) {
     const json& c = creases.at("list")[k];
     const json& line = c.at("line_mm");
     text += "  " + fixed(c.at("length_mm"), 1) + " mm from " + place(line.front()) + " to " + place(line.back()) + ": " + fixed(c.at("angle_deg"), 1) +
-            " deg, fillet " + fixed(c.at("fillet_mm"), 2) + " mm, " + fixed(c.at("leftover_um"), 1) + " um left, " +
+            " deg, fillet " + fixed(c.at("fillet_mm"), 2) + " mm, " + fixed(c.at("leftover_um"), 1) + " um left and normals up to " +
+            fixed(c.at("leftover_deg"), 1) + " deg off, " +
             fixed(100 * c.at("light_lost_share").get<double>(), 2) + " % of the light spread on the wall from " + place(c.at("lands_between_mm")[0]) + " to " +
             place(c.at("lands_between_mm")[1]) + "\n";
   }

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "cli/crease_report.h"
 #include "cli/pages.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
@@ -43,7 +44,7 @@ td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: 
 .ok { color: var(--good); font-weight: 600; } .no { color: var(--bad); font-weight: 700; }
 .legend { height: 14px; border-radius: 3px; margin: 10px 0 2px; background: linear-gradient(to right, #173d8c, #73a6d9, #f5f5f2, #e88f6b, #9e1724); }
 .ends { display: flex; justify-content: space-between; font-size: 13px; color: var(--soft); }
-ul { margin: 6px 0; padding-left: 22px; } li { margin: 4px 0; }
+pre { overflow-x: auto; } ul { margin: 6px 0; padding-left: 22px; } li { margin: 4px 0; }
 .warn { background: #fff8ec; border: 1px solid #f0d9b0; border-radius: 8px; padding: 10px 16px; }
 code { font: 13px/1.4 "DejaVu Sans Mono", Consolas, monospace; background: #eef1f4; padding: 1px 5px; border-radius: 4px; }
 @media print { body { background: #fff; } main { padding: 0; } figure, table { break-inside: avoid; } }
@@ -266,6 +267,10 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   html += picture(folder, "cam/caustic_reachable.png", "Light through what the ball reaches", caustic_caption(report, "/cam/reachable/caustic"), true);
   html += picture(folder, "cam/unreachable.png", "Out of the ball's reach", "what an ideal finishing ball leaves standing");
   html += "</div>\n";
+  if (report.contains("/cam/creases"_json_pointer)) {
+    html += "<h2>What the ball's radius leaves</h2>\n<p class=soft>Hollow creases that the finishing ball does not reach into, the longest ten: where they run on the lens, "
+            "and where the light of their fillets lands on the wall (mm).</p>\n<pre>" + escaped(creases_text(report.at("/cam/creases"_json_pointer))) + "</pre>\n";
+  }
   html += "<h2>Tool paths</h2>\n<div class=pictures>\n";
   for (const char* pass : kPassNames) {
     const std::string at = std::string("/cam/") + pass;
