@@ -17,6 +17,9 @@ struct SweepTolerance {
   double axis_rad = 0.5 * kPi / 180;  ///< turn of the axis in one piece
 };
 
+/// Controls refuse a block that turns a rotary axis further: its pieces would take all memory.
+inline constexpr double kMostTurn_rad = 1000 * 2 * kPi;
+
 /// Where the cutter stands over the work, for every chain of the machine file. It follows what each rotary axis carries: a
 /// table's axis turns the workpiece, a head's axis the cutter, by direction * angle (Rodrigues' formula about the axis
 /// as it lies in the machine file); then the cutter is looked at from the turned workpiece. Written from the machine file's data alone; it shares nothing with the post. Not

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "machine/kinematics.h"
+
 namespace lightmill::detail {
 
 namespace {
@@ -463,6 +465,7 @@ int Interpreter::execute(std::string_view line) {
         if (axis == 2) zero += modes.tool_length_mm;
         target[axis] = value + zero;
       }
+      if (axis >= 3 && !(std::abs(target[axis] - position_[axis]) <= kMostTurn_rad)) return fail(kInvalidTarget);
       use(letter);
     }
 

@@ -30,7 +30,7 @@ enum GcodeError : int {
   kG53Mode = 30,         ///< G53 needs G0 or G1
   kAxisWordsExist = 31,  ///< axis words while motion is cancelled (G80)
   kNoArcPlane = 32,      ///< arc without axis word in its plane
-  kInvalidTarget = 33,   ///< arc whose ends do not fit its radius
+  kInvalidTarget = 33,   ///< arc whose ends do not fit its radius; a rotary axis that turns more than 1000 times
   kArcRadius = 34,
   kNoArcOffsets = 35,
   kUnusedWords = 36,

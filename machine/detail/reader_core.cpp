@@ -93,6 +93,7 @@ void ReaderCore::pass(const AxisValues& to, bool rapid, double seconds, bool who
     for (std::size_t i = 0; i < 5; ++i) p[i] = from[i] + t * (to[i] - from[i]);
     return p;
   };
+  if (!(turn <= kMostTurn_rad)) reject(1, "the rotary axes turn too far in one block");
   if (tcp_ && turn > 0) {
     // The axes go straight between the points they are given; the tip must not leave its own line meanwhile.
     const int chunks = static_cast<int>(std::min(10000.0, 1 + turn / (5 * kRadPerDegree)));

@@ -496,6 +496,7 @@ TEST(ProgramReader, RefusesWhatItCannotObeyWithLineAndRule) {
   expect_refused("G2 X10 Y0 I1 J0 F100\nM2\n", "do not fit", 1);
   expect_refused("G0 X1\n", "ends without", 1);
   expect_refused("o1 while [1]\no1 endwhile\nM2\n", "does not end", 1);
+  expect_refused("G0 C400000\nM2\n", "turn too far", 1);
   expect_refused("o1 sub\no1 call\no1 endsub\no1 call\nM2\n", "too deeply", 2);
   expect_refused("O1\nG0 X10\nM30\n", "decimal point", 2, ReaderDialect::kFanuc);
   expect_refused("O1\nM98 P9\nM30\n", "not in this file", 2, ReaderDialect::kFanuc);
@@ -523,10 +524,18 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       "; %_N_A_MPF\nTRAFOOF\nG17 G40 G71 G90 G94 G54\nSUPA G0 Z0 D0\nT1 M6\nS5000 "
       "M3\nCYCLE832(0.002,_ORI_FINISH,0.02)\nD1\nG1 X=1 "
       "Y2 F500\nG2 X3 I1 J0\nTRAORI\nORIWKS ORIAXES\nG1 B10 C=DC(20)\nTRAFOOF\nG93 X1 F10\nM30\n";
+  const std::string contour =
+      "T1 M6 F100\nG0 X-10 Y0\nG41 D1 G1 X0\nX10\nY10\nG3 X0 Y20 R10\nG4 P1\nG2 X-5 Y15 I0 J-5\nZ3\nG40 G0 X20\nG5 X10 "
+      "Y5 I3 J4 P-2 "
+      "Q1\nG5.2 P2\nX40 Y0 P1 L4\nX45 Y5 P1\nX50 Y6 P2\nG5.3\nG98 G73 X1 Z-1 R1 Q0.7 L2\nG38.3 Z-3\nM66 P0 L3 Q1\nM2\n";
   std::mt19937 random(7);
   const std::string letters = "GMXYZBCFIJKLOPQRST#[]<>()%/*+-.=0123456789 \n\t";
   for (int run = 0; run < 3000; ++run) {
-    std::string text = run % 5 == 0 ? conversational : run % 5 == 1 ? iso : run % 5 == 2 ? siemens : seed;
+    std::string text = run % 5 == 0   ? conversational
+                       : run % 5 == 1 ? iso
+                       : run % 5 == 2 ? siemens
+                       : run % 5 == 3 ? contour
+                                      : seed;
     for (unsigned n = random() % 6 + 1; n > 0; --n) {
       const std::size_t at = random() % text.size();
       switch (random() % 3) {
