@@ -23,6 +23,7 @@
 #include "cli/simulation.h"
 #include "cli/stage_runs.h"
 #include "cli/stages.h"
+#include "cli/stream_checks.h"
 #include "cli/study.h"
 #include "cli/trace_command.h"
 #include "design/core/errors.h"
@@ -326,10 +327,18 @@ int stream(const Common& common, StreamChoices choices) {
   }
   SerialFormat format = serial_format(choices.format.empty() ? protocol.format : choices.format);
   format.software_flow = choices.protocol == "drip";
-  const auto connection = open_connection(choices.port, choices.baud == 0 ? 115200 : choices.baud, format);
+  const int baud = choices.baud == 0 ? 115200 : choices.baud;
+  const auto connection = open_connection(choices.port, baud, format);
   Progress progress(common.style());
   OperatorKeys keys(STDIN_FILENO);
   if (protocol.acknowledges_lines() && ::isatty(STDIN_FILENO) == 1) progress.say(OperatorKeys::kHelp);
+  if (folder) {
+    if (const std::string slow = slow_link(folder->report(), baud); !slow.empty()) progress.say("warning: " + slow);
+    if (!choices.confirm_all && !keys.ask(checklist(job_of(*folder)))) {
+      std::fprintf(stderr, "lightmill: nobody confirmed the checklist, nothing was sent (--confirm-all leaves it out)\n");
+      return kExitStreamEnded;
+    }
+  }
   for (std::size_t i = 0; i < programs.size(); ++i) {
     const std::string name = programs[i].filename().string();
     const StreamResult result =

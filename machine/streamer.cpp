@@ -130,7 +130,7 @@ class Streamer {
   std::map<int, double> settings_;
   bool checking_ = false;
   bool held_by_operator_ = false;
-  std::size_t let_through_ = 0;  ///< this line's pause has been served (index + 1)
+  std::size_t let_through_ = 0;  ///< lines before this one have had their rest
   bool operator_line_ = false;  ///< the last line sent makes the controller wait for the operator
 
   /// What is known of the lines, in words.
@@ -491,7 +491,7 @@ class Streamer {
       const ProgramLine& line = lines_[next_];
       const int size = static_cast<int>(line.text.size()) + 1;
       if (in_flight_ + size > result_.receive_buffer_bytes - 1) return;
-      if (pauses_before_next()) return;
+      if (rests_before_next()) return;
       const detail::LineWords words = detail::words_of(line.text);
       if (!all_acknowledged()) {
         // The count of acknowledgements is checked now and then, and around lines that ask for the operator. Two lines
@@ -518,17 +518,26 @@ class Streamer {
   }
 
   [[nodiscard]] bool pauses_before_next() const {
-    return options_.pause_before && !checking_ && next_ < lines_.size() && let_through_ <= next_ &&
+    return options_.pause_before &&
            options_.pause_before(lines_[next_], next_ > 0 ? lines_[next_ - 1].text : std::string_view());
   }
+  /// Before the next line the machine is to stand: the operator wants to look, or the program is about to end, which
+  /// changes offsets, so that its place can be compared for the last time.
+  [[nodiscard]] bool rests_before_next() const {
+    if (checking_ || next_ >= lines_.size() || let_through_ > next_) return false;
+    const std::string_view text = lines_[next_].text;
+    return pauses_before_next() || (text.find_first_of("Mm") != std::string_view::npos && detail::words_of(text).program_end);
+  }
 
-  /// The machine comes to rest before the next line, and the operator looks.
-  void serve_pause() {
+  void rest_before_next() {
     wait_until_idle();
-    const std::string what =
-        "before line " + std::to_string(lines_[next_].number) + ": " + std::string(lines_[next_].text);
-    if (!options_.on_operator || !options_.on_operator(what)) {
-      throw Ended{StreamEnd::kStopped, "paused " + what + ", and nobody goes on"};
+    audit_place();
+    if (pauses_before_next()) {
+      const std::string what =
+          "before line " + std::to_string(lines_[next_].number) + ": " + std::string(lines_[next_].text);
+      if (!options_.on_operator || !options_.on_operator(what)) {
+        throw Ended{StreamEnd::kStopped, "paused " + what + ", and nobody goes on"};
+      }
     }
     let_through_ = next_ + 1;
     last_reply_ = now();
@@ -571,7 +580,7 @@ class Streamer {
       const bool waits_for_room = !unsent_.empty();
       const bool heard = listen(waits_for_room ? milliseconds(1) : kPollInterval);
       if (operator_line_ && unsent_.empty() && (!heard || all_acknowledged())) serve_operator();
-      if (all_acknowledged() && !operator_line_ && pauses_before_next()) serve_pause();
+      if (all_acknowledged() && !operator_line_ && rests_before_next()) rest_before_next();
       if (!all_acknowledged() && now() - last_reply_ >= options_.reply_timeout) look_for_lost_acknowledgement();
       progress();
     }
@@ -648,13 +657,8 @@ class Streamer {
       throw give_up("its buffer is not empty: the end of a line got lost on the way");
     }
     if (missing != 1) throw give_up("more than one is missing, so lines may have got lost");
-    while (followed_ < next_) programmed_.read(lines_[followed_++].text);
-    // The work offset comes with every so many reports only, and an old one may be another tool's.
-    status_.work_offset.clear();
-    for (int i = 0; status_.work_offset.empty() && i < 40; ++i) ask_status();
     int compared = 0;
-    if (!programmed_.agrees_position(status_.machine_position, status_.work_offset, compared) &&
-        status_.state != "Check") {
+    if (!stands_as_programmed(compared)) {
       throw give_up("it does not stand where line " + std::to_string(number(next_ - 1)) + " ends: a line got lost");
     }
     modes_.clear();
@@ -686,6 +690,26 @@ class Streamer {
     const std::string what = "the machine waits (" + status_.state + ") although the program did not ask for it";
     if (!options_.on_operator(what)) throw Ended{StreamEnd::kStopped, what + " and the operator does not go on"};
     send_real_time('~');
+  }
+
+  /// Does the resting machine report the place where the lines sent so far end? Adds how many axes could be compared.
+  bool stands_as_programmed(int& compared) {
+    while (followed_ < next_) programmed_.read(lines_[followed_++].text);
+    // The work offset comes with every so many reports only, and an old one may be another tool's.
+    status_.work_offset.clear();
+    for (int i = 0; status_.work_offset.empty() && i < 40; ++i) {
+      if (!ask_status()) throw Ended{StreamEnd::kLostAcknowledgement, "the controller does not answer any more"};
+    }
+    return programmed_.agrees_position(status_.machine_position, status_.work_offset, compared) ||
+           status_.state == "Check";
+  }
+
+  /// Where the machine rests anyway, its place is compared: a garbled number that the controller took shows here.
+  void audit_place() {
+    int compared = 0;
+    if (next_ == 0 || stands_as_programmed(compared)) return;
+    throw Ended{StreamEnd::kWrongPlace, "the machine does not stand where line " + std::to_string(number(next_ - 1)) +
+                                            " ends: a line was garbled or lost on the way"};
   }
 
   void wait_until_idle() {

@@ -55,7 +55,17 @@ struct StreamOptions {
   Journal* journal = nullptr;
 };
 
-enum class StreamEnd { kDone, kControllerError, kAlarm, kLostAcknowledgement, kReset, kHungUp, kStopped, kJournal };
+enum class StreamEnd {
+  kDone,
+  kControllerError,
+  kAlarm,
+  kLostAcknowledgement,
+  kReset,
+  kHungUp,
+  kStopped,
+  kJournal,
+  kWrongPlace,  ///< the machine has come to rest elsewhere than the program says: a line was garbled or lost
+};
 
 /// Lines are counted without blank ones; `error_line` and the line numbers in `message` are those of the text.
 struct StreamResult {

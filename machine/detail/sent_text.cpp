@@ -68,6 +68,7 @@ LineWords words_of(std::string_view line) {
     if (!whole) continue;
     if (c == 'M' && number == 6) words.tool_change = true;
     if (c == 'M' && number <= 1) words.pause = true;
+    if (c == 'M' && (number == 2 || number == 30)) words.program_end = true;
   }
   for (const char axis : kAxes) words.axes = words.axes || (words.letters & (1U << (axis - 'A'))) != 0;
   return words;

@@ -16,6 +16,7 @@ struct LineWords {
   bool motion = false;        ///< G0 G1 G2 G3
   bool tool_change = false;   ///< M6
   bool pause = false;         ///< M0, M1
+  bool program_end = false;    ///< M2, M30
   bool other_command = false;  ///< any G or M but the motions
 };
 LineWords words_of(std::string_view line);

@@ -428,6 +428,26 @@ TEST(Streamer, PausesWhereTheOperatorWants) {
   EXPECT_EQ(asked.size(), 6U);
 }
 
+// A digit that became another is executed without a word; where the machine rests, its place tells.
+TEST(Streamer, AGarbledNumberShowsWhereTheMachineRests) {
+  const std::string program = "G21 G90\nG0 X1 Y2\nG0 X2 Y3\nG0 X3\nG0 Z90\nM2\n";
+  const std::size_t digit = program.find("Y3") + 1;
+  StreamOptions options = quick();
+  int asked = 0;
+  options.on_operator = [&](const std::string&) { return ++asked > 0; };
+  for (const bool pause : {false, true}) {
+    if (pause) options.pause_before = [](const ProgramLine& line, std::string_view) { return line.number == 5; };
+    // Behind the greeting: "?", reset, "?", line feed, "$I" and its line feed, "?".
+    const Outcome outcome = stream(program, test::no_stock(), options,
+                                   faulty(LineFault::Kind::kFlipByte, true, static_cast<long>(digit) + 1 + 8));
+    EXPECT_EQ(outcome.stream.end, StreamEnd::kWrongPlace) << outcome.stream.message;
+    EXPECT_THAT(outcome.stream.message, HasSubstr(pause ? "where line 4 ends" : "where line 5 ends"));
+    EXPECT_EQ(outcome.machine.joints.y_mm, -3) << "Y2 where the program says Y3";
+    EXPECT_EQ(outcome.machine.lines, pause ? 4 : 5);
+  }
+  EXPECT_EQ(asked, 0);
+}
+
 TEST(Streamer, TheOperatorsKeysActAtOnce) {
   SimulationOptions simulation = test::no_stock();
   simulation.time_factor = 1;
