@@ -2,6 +2,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/geometry.h"
+#include "design/core/text.h"
 #include "design/core/toml_table.h"
 
 namespace lightmill {
@@ -14,25 +15,39 @@ double needed(TomlTable& table, std::string_view key, double least, double most)
   return table.number_in(key, 0, least, most);
 }
 
-std::vector<HolderPiece> read_holder(TomlTable& table, double length_mm) {
-  std::vector<HolderPiece> holder;
-  double reached = 0;
-  for (const auto& row : table.number_rows("holder", 4)) {
-    const HolderPiece piece{row[0], row[1], row[2], row[3]};
-    if (piece.from_mm < reached || piece.to_mm <= piece.from_mm) {
-      throw InputError(table.complaint("holder",
-                                       "rows are [from, to, radius at from, radius at to] in mm above the tip; "
-                                       "they must go upwards and not overlap"));
+/// Stacked cones: rows of [length, diameter below, diameter above], the lowest first, standing on `from_mm`.
+std::vector<ToolPiece> read_sections(TomlTable& table, std::string_view key, double from_mm) {
+  std::vector<ToolPiece> pieces;
+  for (const auto& row : table.number_rows(key, 3)) {
+    if (!(row[0] > 0 && row[1] > 0 && row[2] > 0)) {
+      throw InputError(table.complaint(key, "rows are [length, diameter below, diameter above] in mm, the lowest first, each above 0"));
     }
-    if (piece.from_radius_mm <= 0 || piece.to_radius_mm <= 0) {
-      throw InputError(table.complaint("holder", "radii must be above 0"));
-    }
-    if (piece.to_mm > length_mm)
-      throw InputError(table.complaint("holder", "must end at or below the gauge line, length_mm"));
-    reached = piece.to_mm;
-    holder.push_back(piece);
+    pieces.push_back({from_mm, from_mm + row[0], row[1] / 2, row[2] / 2});
+    from_mm += row[0];
   }
-  return holder;
+  return pieces;
+}
+
+void read_body(TomlTable& table, Cutter& cutter) {
+  cutter.shank_diameter_mm = table.number_in("shank_diameter_mm", cutter.diameter_mm, 0.05, 100);
+  cutter.shank = read_sections(table, "shank", cutter.flute_length_mm);
+  const double above = cutter.shank.empty() ? cutter.shank_diameter_mm / 2 : cutter.shank.front().from_radius_mm;
+  if (cutter.taper_rad > 0 && cutter.flute_radius_mm(cutter.flute_length_mm) > above + 1e-9) {
+    throw InputError(table.complaint("taper_deg", "the cone is wider than the shank where the flutes end; make one of them smaller"));
+  }
+  // The holder hangs from the gauge line.
+  cutter.holder = read_sections(table, "holder", 0);
+  const double hangs = cutter.holder.empty() ? 0 : cutter.length_mm - cutter.holder.back().to_mm;
+  for (ToolPiece& piece : cutter.holder) {
+    piece.from_mm += hangs;
+    piece.to_mm += hangs;
+  }
+  if (cutter.reach_mm() < cutter.flute_length_mm) {
+    throw InputError(table.complaint("holder", "leaves " + compact(cutter.reach_mm(), 3) + " mm between the tip and itself, less than flute_length_mm; its sections hang from the gauge line, length_mm"));
+  }
+  if (!cutter.shank.empty() && cutter.shank.back().to_mm > cutter.reach_mm() + 1e-9) {
+    throw InputError(table.complaint("shank", "its sections stand on the flutes and end " + compact(cutter.shank.back().to_mm - cutter.reach_mm(), 3) + " mm inside the holder"));
+  }
 }
 
 }  // namespace
@@ -57,12 +72,8 @@ Cutter read_cutter(const std::filesystem::path& path) {
   }
   cutter.taper_rad = table.number_in("taper_deg", 0, 0, 45) * kPi / 180;
   if (cutter.taper_rad > 0 && !cutter.is_ball()) throw InputError(table.complaint("taper_deg", "only balls may be tapered"));
-  cutter.shank_diameter_mm = table.number_in("shank_diameter_mm", cutter.diameter_mm, 0.05, 100);
-  if (cutter.taper_rad > 0 && cutter.flute_radius_mm(cutter.flute_length_mm) > cutter.shank_diameter_mm / 2 + 1e-9) {
-    throw InputError(table.complaint("taper_deg", "the cone is wider than the shank where the flutes end; make one of them smaller"));
-  }
   cutter.centre_cutting = table.boolean("centre_cutting", false);
-  cutter.holder = read_holder(table, cutter.length_mm);
+  read_body(table, cutter);
   cutter.spindle_rpm = needed(table, "spindle_rpm", 1, 200000);
   cutter.feed_per_tooth_mm = needed(table, "feed_per_tooth_mm", 1e-5, 5);
   cutter.plunge_feed_mm_per_s = needed(table, "plunge_feed_mm_per_min", 0.1, 100000) / 60;

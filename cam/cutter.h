@@ -8,15 +8,16 @@
 
 namespace lightmill {
 
-/// A piece of the holder above the cutter's shank, from the tip upwards: a cone between two radii (a cylinder if equal).
-struct HolderPiece {
+/// A piece of the shank or the holder, from the tip upwards: a cone between two radii (a cylinder if equal).
+struct ToolPiece {
   double from_mm = 0;  ///< above the tip
   double to_mm = 0;
   double from_radius_mm = 0;
   double to_radius_mm = 0;
 };
 
-/// A ball cutter has corner_radius == diameter / 2, a bull-nose less, a flat end mill 0.
+/// A ball cutter has corner_radius == diameter / 2, a bull-nose less, a flat end mill 0. A tapered ball goes over from its ball,
+/// tangentially, into a cone that cuts, too.
 struct Cutter {
   std::string name;
   int number = 0;                    ///< T word, place in the tool table
@@ -25,10 +26,11 @@ struct Cutter {
   int edges = 2;
   double flute_length_mm = 0;        ///< cutting length from the tip
   double taper_rad = 0;              ///< of a tapered ball: between its axis and the cone around it, up to flute_length_mm
-  double shank_diameter_mm = 0;
+  double shank_diameter_mm = 0;      ///< where neither `shank` nor the holder says otherwise
+  std::vector<ToolPiece> shank{};    ///< neck and cones from the flutes upwards
   double length_mm = 0;              ///< gauge line (spindle nose) to tip: the length the controller compensates
   bool centre_cutting = false;       ///< may plunge straight down
-  std::vector<HolderPiece> holder;
+  std::vector<ToolPiece> holder;
   // Default cutting data for PMMA, "untested on the machine" unless the file says otherwise.
   double spindle_rpm = 0;
   double feed_per_tooth_mm = 0;
@@ -44,6 +46,10 @@ struct Cutter {
   [[nodiscard]] double flute_radius_mm(double above_tip_mm) const {
     return taper_rad > 0 ? radius_mm() / std::cos(taper_rad) + (above_tip_mm - radius_mm()) * std::tan(taper_rad) : radius_mm();
   }
+  /// Height above the tip where the ball or the corner goes over into the flutes' side.
+  [[nodiscard]] double side_from_mm() const { return corner_radius_mm * (1 - std::sin(taper_rad)); }
+  /// Lower end of the holder; the gauge line without one.
+  [[nodiscard]] double reach_mm() const { return holder.empty() ? length_mm : holder.front().from_mm; }
   [[nodiscard]] double feed_mm_per_s() const { return spindle_rpm / 60 * edges * feed_per_tooth_mm; }
 };
 

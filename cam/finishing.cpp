@@ -221,23 +221,24 @@ class Planner {
       if (!first_contact) first_contact = contact;
     }
     const Vec3& p = first_contact->place_mm;
-    throw InputError(options_.pass + ": the " + (first_contact->holder ? "holder" : "shank") + " of '" + cutter_.name +
+    throw InputError(options_.pass + ": the " + (first_contact->holder ? "holder" : cutter_.taper_rad > 0 ? "flank or shank" : "shank") + " of '" + cutter_.name +
                      "' would touch the part near x " + fixed(p.x(), 1) + ", y " + fixed(p.y(), 1) + ", z " +
                      fixed(p.z(), 1) + " mm" +
                      (tries > 1 ? " (and so with " + std::to_string(tries - 1) + " other tilts)" : "") +
                      (first_contact->holder ? "; use a cutter that reaches farther out of its holder"
-                                            : "; use a cutter with a thinner shank or less tilt"));
+                                            : cutter_.taper_rad > 0 ? "; use a cutter of less taper, or another tilt"
+                                                                     : "; use a cutter with a thinner shank or less tilt"));
   }
 
   [[nodiscard]] std::optional<detail::ToolContact> touching(const std::vector<CentrePath>& paths,
                                                             const detail::ToolClearance& clearance) const {
-    // One pose in every cell of 2 mm that the way goes through.
-    constexpr double kCellMm = 2;
+    // One pose in every cell that the way goes through; a flank passes nearer to the surface than a shank.
+    const double cell = cutter_.taper_rad > 0 ? 0.25 : 2;
     std::set<std::pair<int, int>> seen;
     for (const CentrePath& path : paths) {
       for (const PathPoint& p : path.points) {
         const Vec2 place = path.turn.out({p.x, path.y});
-        if (!seen.emplace(static_cast<int>(std::floor(place.x() / kCellMm)), static_cast<int>(std::floor(place.y() / kCellMm))).second) continue;
+        if (!seen.emplace(static_cast<int>(std::floor(place.x() / cell)), static_cast<int>(std::floor(place.y() / cell))).second) continue;
         const Vec3 axis = axis_at(place);
         if (auto contact = clearance.touches(cutter_, {Vec3(place.x(), place.y(), p.z) - radius_ * axis, axis})) return contact;
       }

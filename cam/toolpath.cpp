@@ -73,6 +73,27 @@ class Reader {
   std::string file_;
 };
 
+void put_pieces(Writer& out, const std::vector<ToolPiece>& pieces) {
+  out.put(static_cast<std::uint64_t>(pieces.size()));
+  for (const ToolPiece& piece : pieces) {
+    out.put(piece.from_mm);
+    out.put(piece.to_mm);
+    out.put(piece.from_radius_mm);
+    out.put(piece.to_radius_mm);
+  }
+}
+
+std::vector<ToolPiece> get_pieces(Reader& in) {
+  std::vector<ToolPiece> pieces(in.count(4 * sizeof(double)));
+  for (ToolPiece& piece : pieces) {
+    piece.from_mm = in.get<double>();
+    piece.to_mm = in.get<double>();
+    piece.from_radius_mm = in.get<double>();
+    piece.to_radius_mm = in.get<double>();
+  }
+  return pieces;
+}
+
 void put_cutter(Writer& out, const Cutter& c) {
   out.put(c.name);
   out.put(static_cast<std::int32_t>(c.number));
@@ -84,13 +105,8 @@ void put_cutter(Writer& out, const Cutter& c) {
   out.put(c.shank_diameter_mm);
   out.put(c.length_mm);
   out.put(static_cast<std::uint8_t>(c.centre_cutting));
-  out.put(static_cast<std::uint64_t>(c.holder.size()));
-  for (const HolderPiece& piece : c.holder) {
-    out.put(piece.from_mm);
-    out.put(piece.to_mm);
-    out.put(piece.from_radius_mm);
-    out.put(piece.to_radius_mm);
-  }
+  put_pieces(out, c.shank);
+  put_pieces(out, c.holder);
   out.put(c.spindle_rpm);
   out.put(c.feed_per_tooth_mm);
   out.put(c.plunge_feed_mm_per_s);
@@ -112,13 +128,8 @@ Cutter get_cutter(Reader& in) {
   c.shank_diameter_mm = in.get<double>();
   c.length_mm = in.get<double>();
   c.centre_cutting = in.get<std::uint8_t>() != 0;
-  c.holder.resize(in.count(4 * sizeof(double)));
-  for (HolderPiece& piece : c.holder) {
-    piece.from_mm = in.get<double>();
-    piece.to_mm = in.get<double>();
-    piece.from_radius_mm = in.get<double>();
-    piece.to_radius_mm = in.get<double>();
-  }
+  c.shank = get_pieces(in);
+  c.holder = get_pieces(in);
   c.spindle_rpm = in.get<double>();
   c.feed_per_tooth_mm = in.get<double>();
   c.plunge_feed_mm_per_s = in.get<double>();

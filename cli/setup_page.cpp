@@ -39,13 +39,6 @@ std::string holding_text(const std::string& kind) {
   return "flat back on a vacuum plate or double-sided tape; all four sides and the top free";
 }
 
-/// How far the holder's end stands above the tip: what sticks out of it.
-double stick_out(const Cutter& cutter) {
-  double lowest = cutter.length_mm;
-  for (const auto& piece : cutter.holder) lowest = std::min(lowest, piece.from_mm);
-  return lowest;
-}
-
 }  // namespace
 
 std::string setup_page(const Job& job, const RunFolder& folder) {
@@ -96,7 +89,7 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
     double widest = 0;
     for (const auto& piece : cutter.holder) widest = std::max({widest, piece.from_radius_mm, piece.to_radius_mm});
     html += "<tr><td class=n><b>" + std::to_string(cutter.number) + "</b></td><td>" + escaped(cutter.name) + "</td><td>" + pass + "</td><td class=n><b>" +
-            fixed(cutter.length_mm, 2) + "</b> mm</td><td class=n>" + fixed(stick_out(cutter), 1) + " mm</td><td class=n>" +
+            fixed(cutter.length_mm, 2) + "</b> mm</td><td class=n>" + fixed(cutter.reach_mm(), 1) + " mm</td><td class=n>" +
             (widest > 0 ? "&empty; " + compact(2 * widest, 1) + " mm" : std::string("-")) + "</td><td class=n>" + compact(cutter.spindle_rpm, 0) +
             " rpm</td><td class=n>" + fixed(cutter.feed_mm_per_s() * 60, 0) + " mm/min</td><td>" + escaped(cutter.coolant) + "</td></tr>\n";
   };

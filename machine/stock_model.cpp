@@ -313,7 +313,8 @@ void StockModel::Impl::add_cut(const Piece& piece) {
   }
 }
 
-/// The flutes above a leaning ball's equator, as the capsule that ball and flutes are together.
+/// The flutes above a leaning ball's equator, as the capsule that ball and flutes are together, or a tapered ball's flank, as
+/// the rounded cone.
 void StockModel::Impl::add_flutes(const Piece& piece) {
   const Tool& tool = tools[piece.tool];
   Sweep sweep;
@@ -322,8 +323,8 @@ void StockModel::Impl::add_flutes(const Piece& piece) {
   sweep.corner_mm = tool.corner_mm;
   sweep.flat_mm = 0;
   sweep.radius_mm = tool.radius_mm;
-  sweep.from_height_mm = tool.corner_mm;
-  sweep.body = {0, tool.corner_mm, std::max(tool.corner_mm, tool.flute_length_mm - tool.corner_mm)};
+  sweep.from_height_mm = tool.side_from_mm;
+  sweep.body = {0, tool.corner_mm, std::max(tool.corner_mm, tool.flute_length_mm - tool.corner_mm), tool.spread};
   const Vec3 motion = piece.move.to.tip_mm - piece.move.from.tip_mm;
   const int count = std::max(1, static_cast<int>(std::ceil(motion.norm() / kTiltedPiece_mm)));
   for (int k = 0; k < count; ++k) {
@@ -355,8 +356,8 @@ void StockModel::Impl::apply() {
       const bool leaning = leans(piece.move.from) || leans(piece.move.to);
       for (const Tool::Slice& slice : tool.slices) {
         const bool flutes = slice.part == Tool::Part::kFlutes;
-        // A vertical cutter's flutes are above its tip's footprint; a leaning mill's are cut with its tip.
-        if (flutes && (!leaning || !tool.ball) && margin <= 0) continue;
+        // A vertical cutter's flutes are above its tip's footprint, unless tapered; a leaning mill's are cut with its tip.
+        if (flutes && ((!leaning && tool.spread <= 0) || !tool.ball) && margin <= 0) continue;
         bool& suspicious = flutes ? suspicions[k].flutes : suspicions[k].body;
         if (!suspicious) suspicious = may_touch(field, slice.body, piece.move.from, piece.move.to, margin);
       }

@@ -419,11 +419,11 @@ class ProgramWriter {
 
   void tool_comments(const AxisMotion& pass) {
     const Cutter& cutter = pass.cutter;
-    double stick_out = cutter.length_mm;
-    for (const HolderPiece& piece : cutter.holder) stick_out = std::min(stick_out, piece.from_mm);
     comment("TOOL T" + std::to_string(cutter.number) + " " + cutter.name);
     comment("TOOL DIAMETER " + compact(cutter.diameter_mm, 3) + " CORNER RADIUS " +
-            compact(cutter.corner_radius_mm, 3) + " STICK-OUT " + compact(stick_out, 3) + " MM");
+            compact(cutter.corner_radius_mm, 3) +
+            (cutter.taper_rad > 0 ? " TAPER " + compact(cutter.taper_rad * 180 / kPi, 3) + " DEG" : "") + " STICK-OUT " +
+            compact(cutter.reach_mm(), 3) + " MM");
     comment("TOOL LENGTH " + fixed(cutter.length_mm, 3) + " MM FROM SPINDLE NOSE TO TIP");
     comment("TOOL " + pass.pass + " AT " + compact(pass.spindle_rpm, 0) +
             " RPM, cutting data: " + (cutter.source.empty() ? "untested" : cutter.source));

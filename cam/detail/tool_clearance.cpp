@@ -9,57 +9,75 @@ namespace lightmill::detail {
 
 namespace {
 
-/// A piece of the tool: all points at [from, to] along the axis from the tip and within `radius` of it.
-struct Cylinder {
-  double from = 0, to = 0, radius = 0;
-  bool holder = false;
-  Vec3 low, high;  // bounding box
+/// In a cell, each way: where the flank is held against the surface itself.
+constexpr int kFlankPlaces = 5;
+/// The flank keeps this far above the surface: more than it can miss between those places on radii down to its own.
+constexpr double kFlankClearMm = 0.002;
+
+enum class Part { kFlank, kShank, kHolder };
+
+/// A cone about the tool's axis with its bounding box.
+struct Body {
+  ToolPiece piece;
+  Part part = Part::kShank;
+  Vec3 low, high;
 };
 
-Cylinder cylinder(const ToolPose& pose, double from, double to, double radius, bool holder) {
-  Cylinder c{from, to, radius, holder, {}, {}};
-  const Vec3 a = pose.tip_mm + from * pose.axis;
-  const Vec3 b = pose.tip_mm + to * pose.axis;
+Body body(const ToolPose& pose, const ToolPiece& piece, Part part) {
+  Body b{piece, part, {}, {}};
+  const Vec3 from = pose.tip_mm + piece.from_mm * pose.axis;
+  const Vec3 to = pose.tip_mm + piece.to_mm * pose.axis;
   for (int k = 0; k < 3; ++k) {
-    const double rim = radius * std::sqrt(std::max(0.0, 1 - pose.axis[k] * pose.axis[k]));
-    c.low[k] = std::min(a[k], b[k]) - rim;
-    c.high[k] = std::max(a[k], b[k]) + rim;
+    const double share = std::sqrt(std::max(0.0, 1 - pose.axis[k] * pose.axis[k]));
+    b.low[k] = std::min(from[k] - share * piece.from_radius_mm, to[k] - share * piece.to_radius_mm);
+    b.high[k] = std::max(from[k] + share * piece.from_radius_mm, to[k] + share * piece.to_radius_mm);
   }
-  return c;
+  return b;
 }
 
-/// Whether the column below (x, y, top) meets the cylinder.
-bool meets(const Cylinder& c, const ToolPose& pose, double x, double y, double top) {
+/// Lowest point of a cone over (x, y): infinity beside it. A vertical line meets a convex body in one interval.
+double underside(const ToolPiece& cone, const ToolPose& pose, double x, double y) {
+  constexpr double kBeside = std::numeric_limits<double>::infinity();
   const Vec3& a = pose.axis;
   const Vec3 w = Vec3(x, y, 0) - pose.tip_mm;
-  double low = -std::numeric_limits<double>::infinity();
-  double high = -low;
-  // |w + z e - ((w + z e) . a) a|^2 <= r^2, a quadratic in z.
+  const double spread = (cone.to_radius_mm - cone.from_radius_mm) / (cone.to_mm - cone.from_mm);
+  // Along w + z e: height above the tip along the axis wa + z a_z, which the cone's ends bound; the axis points upwards.
   const double wa = w.dot(a);
-  const double qa = 1 - a.z() * a.z();
-  const double qb = w.z() - wa * a.z();
-  const double qc = w.squaredNorm() - wa * wa - c.radius * c.radius;
-  if (qa < 1e-12) {
-    if (qc > 0) return false;
-  } else {
-    const double root = qb * qb - qa * qc;
-    if (root < 0) return false;
-    low = (-qb - std::sqrt(root)) / qa;
-    high = (-qb + std::sqrt(root)) / qa;
-  }
-  // from <= wa + z a_z <= to; the axis points upwards.
+  double low = -kBeside;
+  double high = kBeside;
   if (a.z() > 1e-9) {
-    low = std::max(low, (c.from - wa) / a.z());
-    high = std::min(high, (c.to - wa) / a.z());
-  } else if (wa < c.from || wa > c.to) {
-    return false;
+    low = (cone.from_mm - wa) / a.z();
+    high = (cone.to_mm - wa) / a.z();
+  } else if (wa < cone.from_mm || wa > cone.to_mm) {
+    return kBeside;
   }
-  return low <= high && low < top;
+  // |w + z e|^2 - (wa + z a_z)^2 <= (r + spread (wa + z a_z - from))^2: q(z) = qa z^2 + 2 qb z + qc <= 0.
+  const double r = cone.from_radius_mm + spread * (wa - cone.from_mm);
+  const double qa = 1 - a.z() * a.z() - spread * spread * a.z() * a.z();
+  const double qb = w.z() - wa * a.z() - spread * a.z() * r;
+  const double qc = w.squaredNorm() - wa * wa - r * r;
+  if (std::isfinite(low) && (qa * low + 2 * qb) * low + qc <= 0) return low;
+  // Else the interval begins at a root, the first one within the ends.
+  std::array<double, 2> roots{};
+  if (std::abs(qa) < 1e-12) {
+    if (std::abs(qb) < 1e-12) return kBeside;
+    roots.fill(-qc / (2 * qb));
+  } else {
+    const double square = qb * qb - qa * qc;
+    if (square < 0) return kBeside;
+    roots = {(-qb - std::sqrt(square)) / qa, (-qb + std::sqrt(square)) / qa};
+    if (roots[0] > roots[1]) std::swap(roots[0], roots[1]);
+  }
+  for (const double z : roots) {
+    if (z >= low && z <= high) return z;
+  }
+  return kBeside;
 }
 
 }  // namespace
 
-ToolClearance::ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm, double cell_mm) : cell_mm_(cell_mm) {
+ToolClearance::ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm, double cell_mm)
+    : surface_(&surface), above_mm_(above_surface_mm), cell_mm_(cell_mm) {
   Box2 material = Box2::centred(blank.size_mm);
   material.include(surface.extent().min);
   material.include(surface.extent().max);
@@ -134,39 +152,64 @@ void ToolClearance::add_pyramid(Level level) {
 std::optional<ToolContact> ToolClearance::touches(const Cutter& cutter, const ToolPose& pose, double holder_mm, bool with_tip) const {
   // Short pieces have tight boxes.
   constexpr double kSliceMm = 4;
-  std::vector<Cylinder> pieces;
-  const auto add = [&](double from, double to, double r_from, double r_to, bool holder) {
-    // A slice is as wide as its wider end; near the part that must not matter.
-    const double steps = std::max((to - from) / kSliceMm, holder ? 0 : std::abs(r_to - r_from) / 0.02);
-    const int slices = std::max(1, static_cast<int>(std::ceil(steps)));
+  std::vector<Body> bodies;
+  const auto add = [&](const ToolPiece& whole, Part part) {
+    const double length = whole.to_mm - whole.from_mm;
+    const int slices = static_cast<int>(std::ceil(length / kSliceMm));
+    const auto at = [&](double t) { return whole.from_radius_mm + (whole.to_radius_mm - whole.from_radius_mm) * t; };
     for (int k = 0; k < slices; ++k) {
       const double t0 = static_cast<double>(k) / slices;
       const double t1 = static_cast<double>(k + 1) / slices;
-      const double radius = std::max(r_from + (r_to - r_from) * t0, r_from + (r_to - r_from) * t1);
-      pieces.push_back(cylinder(pose, from + (to - from) * t0, from + (to - from) * t1, radius, holder));
+      bodies.push_back(body(pose, {whole.from_mm + length * t0, whole.from_mm + length * t1, at(t0), at(t1)}, part));
     }
   };
-  const double shank_end = cutter.holder.empty() ? cutter.length_mm : cutter.holder.front().from_mm;
-  const double flute_end = std::clamp(cutter.flute_length_mm, cutter.corner_radius_mm, shank_end);
-  if (with_tip) add(0, cutter.corner_radius_mm, cutter.radius_mm(), cutter.radius_mm(), false);
-  add(cutter.corner_radius_mm, flute_end, cutter.flute_radius_mm(cutter.corner_radius_mm), cutter.flute_radius_mm(flute_end), false);
-  add(flute_end, shank_end, cutter.shank_diameter_mm / 2, cutter.shank_diameter_mm / 2, false);
-  for (const HolderPiece& piece : cutter.holder) {
-    add(piece.from_mm - holder_mm, piece.to_mm, piece.from_radius_mm + holder_mm, piece.to_radius_mm + holder_mm, true);
+  const double shank_end = cutter.reach_mm();
+  double reached = std::clamp(cutter.flute_length_mm, cutter.side_from_mm(), shank_end);
+  if (with_tip) add({0, cutter.side_from_mm(), cutter.radius_mm(), cutter.radius_mm()}, Part::kShank);
+  add({cutter.side_from_mm(), reached, cutter.flute_radius_mm(cutter.side_from_mm()), cutter.flute_radius_mm(reached)},
+      surface_ && cutter.taper_rad > 0 ? Part::kFlank : Part::kShank);
+  for (const ToolPiece& piece : cutter.shank) {
+    add(piece, Part::kShank);
+    reached = piece.to_mm;
   }
+  add({reached, shank_end, cutter.shank_diameter_mm / 2, cutter.shank_diameter_mm / 2}, Part::kShank);
+  for (const ToolPiece& piece : cutter.holder) {
+    add({piece.from_mm - holder_mm, piece.to_mm, piece.from_radius_mm + holder_mm, piece.to_radius_mm + holder_mm}, Part::kHolder);
+  }
+
+  // The highest place of a cell counts as all of it; a flank, which passes close to what the ball rests on, is held against
+  // the surface itself.
+  const auto contact = [&](const Body& b, double x0, double y0, double top) -> std::optional<ToolContact> {
+    if (b.part != Part::kFlank) {
+      const double x = x0 + cell_mm_ / 2;
+      const double y = y0 + cell_mm_ / 2;
+      if (underside(b.piece, pose, x, y) < top) return ToolContact{{x, y, top}, b.part == Part::kHolder};
+      return std::nullopt;
+    }
+    const double flank_mm = cell_mm_ / kFlankPlaces;
+    for (double y = y0 + flank_mm / 2; y < y0 + cell_mm_; y += flank_mm) {
+      for (double x = x0 + flank_mm / 2; x < x0 + cell_mm_; x += flank_mm) {
+        const double low = underside(b.piece, pose, x, y);
+        if (low >= top + kFlankClearMm) continue;
+        const double z = surface_->height(x, y) + above_mm_;
+        if (low < z + kFlankClearMm) return ToolContact{{x, y, z}, false};
+      }
+    }
+    return std::nullopt;
+  };
 
   struct Node {
     int level, i, j;
   };
   std::vector<Node> open;
-  for (const Cylinder& piece : pieces) {
+  for (const Body& piece : bodies) {
     open.assign(1, {static_cast<int>(levels_.size()) - 1, 0, 0});
     while (!open.empty()) {
       const Node node = open.back();
       open.pop_back();
       const Level& level = levels_[node.level];
       const double top = level.highest.at(node.i, node.j);
-      if (piece.low.z() >= top) continue;
+      if (piece.low.z() >= top + kFlankClearMm) continue;
       const double x0 = first_.x() + node.i * level.cell_mm;
       const double y0 = first_.y() + node.j * level.cell_mm;
       if (piece.high.x() < x0 || piece.low.x() > x0 + level.cell_mm || piece.high.y() < y0 ||
@@ -174,9 +217,7 @@ std::optional<ToolContact> ToolClearance::touches(const Cutter& cutter, const To
         continue;
       }
       if (node.level == 0) {
-        const double x = x0 + level.cell_mm / 2;
-        const double y = y0 + level.cell_mm / 2;
-        if (meets(piece, pose, x, y, top)) return ToolContact{{x, y, top}, piece.holder};
+        if (auto found = contact(piece, x0, y0, top)) return found;
         continue;
       }
       const Level& fine = levels_[node.level - 1];

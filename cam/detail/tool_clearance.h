@@ -14,7 +14,7 @@ namespace lightmill::detail {
 /// Where a tool touches what it should not.
 struct ToolContact {
   Vec3 place_mm = Vec3::Zero();
-  bool holder = false;  ///< else the shank
+  bool holder = false;  ///< else the shank or the flank
 };
 
 /// Highest material over cells of the blank (the surface and what stands above it) with a pyramid of maxima.
@@ -26,9 +26,10 @@ class ToolClearance {
   /// Of nothing but what holds the work, as columns from below up to the boxes' tops.
   explicit ToolClearance(const std::vector<KeepOut>& keep_outs);
 
-  /// The shank (from the ball's equator or the top of the corner upwards) and the holder (kept clear by `holder_mm`)
-  /// against the material. A vertical line meets a cylinder in one interval; a column of material collides if it is
-  /// higher than the interval's lower end. `with_tip`: the tip's rounding too, as a cylinder.
+  /// The shank (from the ball's equator or the top of the corner upwards) and the holder (kept clear by `holder_mm`), stacked
+  /// cones, against the material; a tapered ball's flank against the surface, within 2 um. A vertical line meets a cone in one
+  /// interval; a column of material collides if it is higher than the interval's lower end. `with_tip`: the tip's rounding
+  /// too, as a cylinder.
   [[nodiscard]] std::optional<ToolContact> touches(const Cutter& cutter, const ToolPose& pose,
                                                    double holder_mm = 0.5, bool with_tip = false) const;
 
@@ -39,6 +40,8 @@ class ToolClearance {
   };
   void stand_up(const std::vector<KeepOut>& keep_outs, Grid<float>& highest) const;
   void add_pyramid(Level level);
+  const SplineSurface* surface_ = nullptr;
+  double above_mm_ = 0;
   double cell_mm_ = 0.25;
   Vec2 first_;
   std::vector<Level> levels_;  // finest first

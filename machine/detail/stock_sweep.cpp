@@ -81,10 +81,26 @@ Distance distance_to(const RoundedCylinder& body, const Vec3& axis, const Vec3& 
   const double height = p.dot(axis);
   const Vec3 radial = p - height * axis;
   const double rho = radial.norm();
-  const double out = std::max(rho - body.flat_mm, 0.0);
-  const double below = std::max(body.corner_mm - height, 0.0);
-  const double above = std::max(height - std::max(body.top_mm, body.corner_mm), 0.0);
-  const double axial = above - below;
+  const double top = std::max(body.top_mm, body.corner_mm);
+  // From the core's nearest place: outwards and along the axis.
+  double out = std::max(rho - body.flat_mm, 0.0);
+  double axial = std::max(height - top, 0.0) - std::max(body.corner_mm - height, 0.0);
+  if (body.spread > 0) {
+    const double slant = std::sqrt(1 + body.spread * body.spread);
+    const double q = rho - body.flat_mm;
+    const double h = height - body.corner_mm;
+    const double outside = (q - body.spread * h) / slant;  // of the cone's side
+    const double along = (body.spread * q + h) / slant;
+    if (outside <= 0 && h >= 0) {
+      out = 0;
+    } else if (along > (top - body.corner_mm) * slant) {
+      out = std::max(rho - body.core_radius_mm(top), 0.0);
+      axial = height - top;
+    } else if (along > 0) {
+      out = outside / slant;
+      axial = -outside * body.spread / slant;
+    }
+  }
   const double core = std::hypot(out, axial);
   Distance distance{core - body.corner_mm, Vec3::Zero()};
   if (core > 0)
@@ -117,8 +133,8 @@ Distance distance_to_swept(const RoundedCylinder& body, const Vec3& axis, const 
 
 double underside(const RoundedCylinder& body, const Vec3& tip, const Vec3& motion, const Vec3& axis, double x,
                  double y) {
-  const double reach = body.flat_mm + 2 * body.corner_mm;
   const double top = std::max(body.top_mm, body.corner_mm);
+  const double reach = body.core_radius_mm(top) + 2 * body.corner_mm;
   double z = tip.z() + std::min(0.0, motion.z()) + std::min(0.0, top * axis.z()) - reach - 1;
   for (int iteration = 0; iteration < 200; ++iteration) {
     const Distance distance = distance_to_swept(body, axis, motion, Vec3(x, y, z) - tip);
@@ -142,7 +158,7 @@ void Sweep::prepare() {
     for (const Vec3& tip : {from, to}) {
       for (const double height : {body.corner_mm, top}) {
         const Vec3 centre = tip + height * axis;
-        const Vec3 half = body.flat_mm * (Vec3::Ones() - axis.cwiseProduct(axis)).cwiseMax(0).cwiseSqrt() +
+        const Vec3 half = body.core_radius_mm(height) * (Vec3::Ones() - axis.cwiseProduct(axis)).cwiseMax(0).cwiseSqrt() +
                           Vec3::Constant(body.corner_mm);
         reach.include((centre - half).head<2>());
         reach.include((centre + half).head<2>());
@@ -174,8 +190,10 @@ void Sweep::prepare() {
 }
 
 Frustum Sweep::around(double slack_mm) const {
-  const double radius = body.flat_mm + body.corner_mm;
-  const Frustum still{from_height_mm, std::max(body.top_mm, body.corner_mm) + body.corner_mm, radius, radius};
+  // The flank's radius, and nowhere less than the ball's.
+  const double rounding = body.corner_mm * std::sqrt(1 + body.spread * body.spread);
+  const double top = std::max(body.top_mm, body.corner_mm) + body.corner_mm;
+  const Frustum still{from_height_mm, top, body.core_radius_mm(from_height_mm) + rounding, body.core_radius_mm(top) + rounding};
   return still.grown(slack_mm + (to - from).norm() / 2);
 }
 

@@ -25,11 +25,15 @@ struct Frustum {
 double underside(const Frustum& frustum, const Vec3& tip, const Vec3& axis, double x, double y);
 
 /// A disk of radius `flat_mm` and the cylinder above it up to `top_mm`, both rounded by `corner_mm` (a ball: flat 0).
-/// `top_mm` is the highest point of the cylinder's unrounded core above the tip, at least corner_mm.
+/// `top_mm` is the highest point of the cylinder's unrounded core above the tip, at least corner_mm. With a spread the core is a
+/// cone: rounded, it is a tapered ball, the flank tangent to the ball.
 struct RoundedCylinder {
   double flat_mm = 0;
   double corner_mm = 0;
   double top_mm = 0;
+  double spread = 0;  ///< of the core: radius over height
+
+  [[nodiscard]] double core_radius_mm(double height_mm) const { return flat_mm + spread * (height_mm - corner_mm); }
 };
 
 /// As above for a rounded cylinder that moves from tip to tip + motion. The distance to a convex body that moves

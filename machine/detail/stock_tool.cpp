@@ -51,6 +51,8 @@ Tool::Tool(const Cutter& cutter)
     : radius_mm(cutter.radius_mm()),
       corner_mm(std::min(cutter.corner_radius_mm, cutter.radius_mm())),
       flute_length_mm(std::max(cutter.flute_length_mm, corner_mm)),
+      spread(std::tan(cutter.taper_rad)),
+      side_from_mm(corner_mm * (1 - std::sin(cutter.taper_rad))),
       ball(cutter.is_ball()) {
   const auto add = [this](Part part, Frustum body) {
     const double height = body.to_mm - body.from_mm;
@@ -64,14 +66,18 @@ Tool::Tool(const Cutter& cutter)
       if (!piece.empty()) slices.push_back({part, piece});
     }
   };
-  // Of a tapered ball only the ball may cut: its cone counts as neck.
-  const double widest = cutter.flute_radius_mm(flute_length_mm);
-  add(cutter.taper_rad > 0 ? Part::kShank : Part::kFlutes, {corner_mm, flute_length_mm, cutter.flute_radius_mm(corner_mm), widest});
+  const double from_radius = radius_mm - corner_mm + corner_mm * std::cos(cutter.taper_rad);
+  add(Part::kFlutes, {side_from_mm, flute_length_mm, from_radius, from_radius + (flute_length_mm - side_from_mm) * spread});
   double shank_end = cutter.length_mm;
-  for (const HolderPiece& piece : cutter.holder) shank_end = std::min(shank_end, piece.from_mm);
+  for (const ToolPiece& piece : cutter.holder) shank_end = std::min(shank_end, piece.from_mm);
   const double shank = cutter.shank_diameter_mm / 2;
-  add(Part::kShank, {flute_length_mm, shank_end, shank, shank});
-  for (const HolderPiece& piece : cutter.holder) {
+  double reached = flute_length_mm;
+  for (const ToolPiece& piece : cutter.shank) {
+    add(Part::kShank, {piece.from_mm, piece.to_mm, piece.from_radius_mm, piece.to_radius_mm});
+    reached = std::max(reached, piece.to_mm);
+  }
+  add(Part::kShank, {reached, shank_end, shank, shank});
+  for (const ToolPiece& piece : cutter.holder) {
     add(piece.from_mm >= cutter.length_mm ? Part::kNose : Part::kHolder, {piece.from_mm, piece.to_mm, piece.from_radius_mm, piece.to_radius_mm});
   }
 }

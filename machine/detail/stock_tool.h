@@ -21,6 +21,8 @@ struct Tool {
   };
   double radius_mm = 0, corner_mm = 0;
   double flute_length_mm = 0;
+  double spread = 0;     ///< of a tapered ball's flank: radius over height
+  double side_from_mm = 0;  ///< height above the tip where the ball or the corner goes over into the side
   bool ball = false;
   std::vector<Slice> slices;  ///< everything above the ball's equator or the mill's corner, cut into short pieces
 

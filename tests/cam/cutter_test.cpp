@@ -28,7 +28,8 @@ spindle_rpm = 30000
 feed_per_tooth_mm = 0.02
 plunge_feed_mm_per_min = 120
 coolant = "mist"
-holder = [[20, 30, 6, 8.5], [30.0, 60.0, 10, 12]]
+shank = [[4, 3, 4]]
+holder = [[10, 12, 17], [30.0, 20.0, 24]]
 )";
 
 class CutterFile : public ::testing::Test {
@@ -69,6 +70,13 @@ TEST_F(CutterFile, GivesWhatItSays) {
   ASSERT_EQ(c.holder.size(), 2u);
   EXPECT_DOUBLE_EQ(c.holder[0].to_radius_mm, 8.5);
   EXPECT_DOUBLE_EQ(c.holder[1].from_mm, 30);
+  EXPECT_DOUBLE_EQ(c.holder[1].to_mm, 60);
+  EXPECT_DOUBLE_EQ(c.reach_mm(), 20);
+  ASSERT_EQ(c.shank.size(), 1u);
+  EXPECT_DOUBLE_EQ(c.shank[0].from_mm, 5);
+  EXPECT_DOUBLE_EQ(c.shank[0].to_mm, 9);
+  EXPECT_DOUBLE_EQ(c.shank[0].from_radius_mm, 1.5);
+  EXPECT_DOUBLE_EQ(c.shank[0].to_radius_mm, 2);
 }
 
 TEST_F(CutterFile, AllFixturesAreRead) {
@@ -92,22 +100,24 @@ TEST_F(CutterFile, ErrorsNameFileLineKeyAndRule) {
   EXPECT_THAT(complaint(with("number", "number = 0")), HasSubstr("number"));
   EXPECT_THAT(complaint(with("coolant", "coolant = \"beer\"")), HasSubstr("\"mist\""));
   EXPECT_THAT(complaint(with("coolant", "colour = \"red\"")), HasSubstr("unknown key 'colour'"));
-  EXPECT_THAT(complaint(with("holder", "holder = [[20, 30, 6]]")), HasSubstr("rows of 4"));
-  EXPECT_THAT(complaint(with("holder", "holder = [[20, 30, 6, \"8\"]]")), HasSubstr("rows of 4"));
-  EXPECT_THAT(complaint(with("holder", "holder = [[30, 20, 6, 8]]")), HasSubstr("go upwards"));
-  EXPECT_THAT(complaint(with("holder", "holder = [[20, 70, 6, 8]]")), HasSubstr("gauge line"));
+  EXPECT_THAT(complaint(with("holder", "holder = [[20, 30, 6, 8]]")), HasSubstr("rows of 3"));
+  EXPECT_THAT(complaint(with("holder", "holder = [[20, 30, \"8\"]]")), HasSubstr("rows of 3"));
+  EXPECT_THAT(complaint(with("holder", "holder = [[0, 12, 16]]")), HasSubstr("each above 0"));
+  EXPECT_THAT(complaint(with("holder", "holder = [[56, 12, 16]]")), HasSubstr("gauge line"));
+  EXPECT_THAT(complaint(with("shank", "shank = [[16, 3, 4]]")), HasSubstr("1 mm inside the holder"));
   EXPECT_THAT(complaint("name = "), HasSubstr("not valid TOML"));
   EXPECT_THROW(read_cutter("/nowhere/cutter.toml"), InputError);
 }
 
 TEST_F(CutterFile, TakesATaperedBallWhoseConeEndsWithinTheShank) {
-  const Cutter cutter = read_cutter(write(std::string(kGood) + "taper_deg = 5\n"));
+  const std::string wide = with("shank", "shank = [[4, 4, 5]]");
+  const Cutter cutter = read_cutter(write(wide + "taper_deg = 5\n"));
   EXPECT_NEAR(cutter.taper_rad, 5 * 3.14159265358979 / 180, 1e-9);
   // The cone touches the ball: its distance from the centre is the radius, at right angles.
   const double t = cutter.taper_rad;
-  EXPECT_NEAR(cutter.flute_radius_mm(1.5 - 1.5 * std::sin(t)), 1.5 * std::cos(t), 1e-12);
+  EXPECT_NEAR(cutter.flute_radius_mm(cutter.side_from_mm()), 1.5 * std::cos(t), 1e-12);
   EXPECT_NEAR(cutter.flute_radius_mm(3) - cutter.flute_radius_mm(2), std::tan(t), 1e-12);
-  EXPECT_THAT(complaint(std::string(kGood) + "taper_deg = 10\n"), HasSubstr("wider than the shank"));
+  EXPECT_THAT(complaint(wide + "taper_deg = 10\n"), HasSubstr("wider than the shank"));
   EXPECT_THAT(complaint(with("corner_radius_mm", "corner_radius_mm = 1") + "taper_deg = 5\n"), HasSubstr("only balls"));
 }
 

@@ -27,6 +27,8 @@ std::vector<ToolPath> some_passes() {
     pass.cutter.name = std::string("cutter of ") + name;
     pass.cutter.number = 4;
     pass.cutter.diameter_mm = 4;
+    pass.cutter.taper_rad = 0.1;
+    pass.cutter.shank = {{12, 20, 2, 3}};
     pass.cutter.holder = {{30, 40, 5, 6}, {40, 50, 7, 8}};
     pass.cutter.coolant = "air";
     pass.spindle_rpm = 36000;
@@ -53,6 +55,9 @@ TEST(ToolPathFile, GivesBackWhatWasWrittenBitByBit) {
     EXPECT_EQ(again[p].pass, passes[p].pass);
     EXPECT_EQ(again[p].cutter.name, passes[p].cutter.name);
     EXPECT_EQ(again[p].cutter.coolant, "air");
+    EXPECT_EQ(again[p].cutter.taper_rad, 0.1);
+    ASSERT_EQ(again[p].cutter.shank.size(), 1u);
+    EXPECT_EQ(again[p].cutter.shank[0].to_radius_mm, 3);
     EXPECT_EQ(again[p].cutter.holder.size(), 2u);
     EXPECT_EQ(again[p].cutter.holder[1].to_radius_mm, 8);
     EXPECT_EQ(again[p].stepover_mm, passes[p].stepover_mm);

@@ -492,22 +492,6 @@ TEST(StockModel, CutsCommuteRepeatAndSplitWithoutChange) {
   EXPECT_LT(largest_difference(once.heights_mm, pieces.surface().heights_mm), 1e-6);
 }
 
-TEST(StockModel, TheConeOfATaperedBallIsItsNeck) {
-  // Slots along x: as deep as the ball's equator only the ball cuts; deeper, the cone is wider than the ball's slot.
-  for (const double depth : {0.9, 3.0}) {
-    StockModel model({{20, 12}, 8}, {0.05, 0});
-    Cutter cutter = ball(2);
-    cutter.taper_rad = 0.1;
-    cutter.flute_length_mm = 10;
-    cutter.shank_diameter_mm = 4;
-    model.set_cutter(cutter);
-    feed(model, {{{-12, 0, 8 - depth}, Vec3::UnitZ()}, {{12, 0, 8 - depth}, Vec3::UnitZ()}}, 1);
-    model.flush();
-    ASSERT_EQ(model.faults().size(), depth > 1 ? 1U : 0U);
-    for (const auto& fault : model.faults()) EXPECT_EQ(fault.kind, "collision");
-  }
-}
-
 TEST(StockModel, RapidsThroughStockAreCaughtAndOthersAreNot) {
   const Blank blank{{20, 12}, 8};
   StockModel model(blank, {0.05, 0});
@@ -610,6 +594,62 @@ TEST(StockModel, AHolderThatHitsWhatStillStandsIsCaughtAndWhatIsGoneIsNot) {
     again.flush();
     EXPECT_EQ(again.faults().size(), cleared_first ? 0U : 1U);
   }
+}
+
+TEST(StockModel, ATaperedBallCutsAGrooveOfItsOwnProfile) {
+  // Along x, upright and leaning across: seen along x the cutter is its profile, turned by the lean.
+  const double taper = 20 * kPi / 180;
+  Cutter cutter = ball(2);
+  cutter.taper_rad = taper;
+  cutter.flute_length_mm = 9;
+  cutter.shank_diameter_mm = 2;
+  cutter.length_mm = 40;
+  for (const double lean : {0.0, 12.0, -25.0}) {
+    const double t = lean * kPi / 180;
+    StockModel model({{12, 14}, 12}, {0.05, 0});
+    model.set_cutter(cutter);
+    const Vec3 axis(0, std::sin(t), std::cos(t));
+    const Vec3 centre(0, 0.313, 8.5);
+    feed(model, {pose_of_centre(centre - Vec3(9, 0, 0), 1, axis), pose_of_centre(centre + Vec3(9, 0, 0), 1, axis)});
+    model.flush();
+    EXPECT_TRUE(model.faults().empty()) << lean << " " << model.faults()[0].message;
+    const MachinedSurface surface = model.surface();
+    // Height of the profile's lower side over y: the ball's, or that of the flank's line towards this side.
+    const auto expected = [&](double y) {
+      const double d = y - centre.y();
+      double low = std::abs(d) < 1 ? centre.z() - std::sqrt(1 - d * d) : 1e9;
+      for (const double side : {-1.0, 1.0}) {
+        // The flank's outward normal is `side` across the axis and `taper` downwards; tangent to the ball there.
+        const double angle = side * (kPi / 2 - taper) - t;  // of the normal against straight down, towards +y
+        const Vec2 touch(std::sin(angle), -std::cos(angle));
+        if (side * (d - touch.x()) <= 0 || touch.y() >= 0) continue;  // leaning over, it is above the ball
+        const double along = (d - touch.x()) / -touch.y();
+        low = std::min(low, centre.z() + touch.y() + along * touch.x());
+      }
+      return std::min(low, 12.0);
+    };
+    const int i = surface.heights_mm.width / 2;
+    double worst = 0;
+    int flank = 0;
+    for (int j = 0; j < surface.heights_mm.height; ++j) {
+      const double y = surface.extent.min.y() + j * surface.pitch_mm;
+      const double z = expected(y);
+      worst = std::max(worst, std::abs(surface.heights_mm.at(i, j) - z));
+      flank += z < 11.99 && std::abs(y - centre.y()) > 1;
+    }
+    EXPECT_LT(worst, 2e-6) << "leaning " << lean;
+    EXPECT_GT(flank, 10);
+  }
+  // A neck that is wider than the flank's end runs into the groove's sides, and by how much.
+  cutter.flute_length_mm = 3;
+  cutter.shank = {{3, 10, 2.5, 2.5}};
+  StockModel model({{12, 14}, 12}, {0.05, 0});
+  model.set_cutter(cutter);
+  feed(model, {pose_of_centre({-9, 0, 8}, 1), pose_of_centre({9, 0, 8}, 1)});
+  model.flush();
+  ASSERT_EQ(model.faults().size(), 1U);
+  EXPECT_EQ(model.faults()[0].kind, "collision");
+  EXPECT_NEAR(model.faults()[0].amount_mm, 12 - 10, 0.01);
 }
 
 TEST(StockModel, AShankThatLeansIntoAWallIsCaught) {
