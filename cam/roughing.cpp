@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <string>
 #include <utility>
@@ -26,7 +27,9 @@ constexpr double kAboveMm = 1;            ///< of links above material
 constexpr double kBesideMm = 1;           ///< of entries beside the block, over contact
 constexpr double kShortLinkMm = 30;       ///< a longer way back is a rapid at full clearance
 constexpr double kFinalScallopMm = 0.25;  ///< aim for what the last raster leaves between its lines
-constexpr int kMostTraverses = 40;        ///< of a pit, each 3 degrees deeper
+constexpr int kMostTraverses = 400;       ///< of a pit, each 3 degrees or a slot's depth deeper
+constexpr double kLiftMm = 0.1;           ///< a higher step is climbed before the cut
+constexpr double kDeepestShare = 1.3;     ///< of the stepdown: what a cut may reach where lines left steps
 constexpr float kNothing = -1e6f;
 
 /// Height of the cutter's surface above its tip at distance r from the axis.
@@ -45,6 +48,11 @@ struct Offset {
   bool core;
 };
 
+/// The offsets of one row.
+struct Row {
+  int j, first, end;
+};
+
 class Rougher {
  public:
   Rougher(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const RoughOptions& options)
@@ -61,12 +69,14 @@ class Rougher {
     // What nearly touches counts in the dilation, so that the way to a node beside the block's rim does not fall below it.
     const double nearly = radius_ + dx_;
     for (int j = -static_cast<int>(nearly / dy_); j <= static_cast<int>(nearly / dy_); ++j) {
+      rows_.push_back({j, static_cast<int>(offsets_.size()), 0});
       for (int i = -static_cast<int>(nearly / dx_); i <= static_cast<int>(nearly / dx_); ++i) {
         const double r = std::hypot(i * dx_, j * dy_);
         const Offset offset{i, j, static_cast<float>(profile(mill, r)), r <= kCoreShare * radius_};
         if (r <= radius_) offsets_.push_back(offset);
         if (r <= nearly) around_.push_back(offset);
       }
+      rows_.back().end = static_cast<int>(offsets_.size());
     }
   }
 
@@ -75,12 +85,13 @@ class Rougher {
     sample_target();
     dilate(monitor);
     stock_ = Grid<float>(block_nx_ + 1, block_ny_ + 1, static_cast<float>(blank_.height_mm));
+    stay_over_keep_outs();
     clearance_z_ = highest_obstacle_mm(blank_) + options_.clearance_mm;
 
     // Levels of even depth down to the lowest tip.
     const double depth = blank_.height_mm - lowest_tip_;
-    if (!mill_.holder.empty() && depth + 1 > mill_.holder.front().from_mm) {
-      throw InputError("rough: the cutter '" + mill_.name + "' reaches " + compact(mill_.holder.front().from_mm, 3) +
+    if (!mill_.holder.empty() && depth + 1 > mill_.reach_mm()) {
+      throw InputError("rough: the cutter '" + mill_.name + "' reaches " + compact(mill_.reach_mm(), 3) +
                        " mm out of its holder, the relief asks for " + compact(depth + 1, 3) +
                        " mm; use a longer cutter or a lower blank");
     }
@@ -122,6 +133,8 @@ class Rougher {
     monitor.report("roughing planned", 1);
     return path;
   }
+
+  [[nodiscard]] RestMaterial rest() const { return {box_, stock_}; }
 
  private:
   // Tip grid: node (i, j) stands over block node (i - rim_x_, j - rim_y_).
@@ -181,6 +194,35 @@ class Rougher {
     for (float& z : tip_.values) z = std::max(z, static_cast<float>(lowest_tip_));
   }
 
+  /// Tips that carry cutter, shank and holder over clamps and jaws, wherever the lens does not need them lower.
+  void stay_over_keep_outs() {
+    std::vector<ToolPiece> above = mill_.shank;
+    above.push_back({mill_.flute_length_mm, mill_.length_mm, mill_.shank_diameter_mm / 2, mill_.shank_diameter_mm / 2});
+    above.insert(above.end(), mill_.holder.begin(), mill_.holder.end());
+    for (const KeepOut& k : blank_.keep_outs) {
+      for (int j = 0; j < tip_rows(); ++j) {
+        for (int i = 0; i < tip_columns(); ++i) {
+          if (over_lens(i, j)) continue;
+          const double x = std::max({k.min_mm.x() - x_of(i), x_of(i) - k.max_mm.x(), 0.0});
+          const double y = std::max({k.min_mm.y() - y_of(j), y_of(j) - k.max_mm.y(), 0.0});
+          const double r = std::max(0.0, std::hypot(x, y) - kBesideMm);
+          double low = r <= radius_ ? profile(mill_, r) : std::numeric_limits<double>::infinity();
+          for (const ToolPiece& piece : above) {
+            if (r <= std::max(piece.from_radius_mm, piece.to_radius_mm)) low = std::min(low, piece.from_mm);
+          }
+          tip_.at(i, j) = std::max(tip_.at(i, j), static_cast<float>(k.max_mm.z() + kAboveMm - low));
+        }
+      }
+    }
+  }
+
+  [[nodiscard]] bool over_lens(int i, int j) const {
+    const Box2& lens = surface_.extent();
+    const double x = std::max({lens.min.x() - x_of(i), x_of(i) - lens.max.x(), 0.0});
+    const double y = std::max({lens.min.y() - y_of(j), y_of(j) - lens.max.y(), 0.0});
+    return std::hypot(x, y) < radius_;
+  }
+
   [[nodiscard]] int final_stride(int rough_stride) const {
     // Flat-bottomed cutters leave steps of about stepover times slope across the lines.
     std::vector<float> slopes;
@@ -196,35 +238,46 @@ class Rougher {
     return std::clamp(static_cast<int>(stepover / dy_ + 1e-9), 1, rough_stride);
   }
 
-  /// What the cutter with its tip at node (i, j), height z would meet.
+  /// What the cutter with its axis over node (i, j) meets.
   struct Meeting {
-    bool touches = false;
-    int rows = 0;               ///< count of grid rows with material: the engaged width
-    float top = kNothing;       ///< a tip at this height would meet nothing
+    std::vector<float> tops;    ///< lowest tips that clear each grid row, the highest first
     float core_top = kNothing;  ///< highest material under the cutter's core
+
+    [[nodiscard]] bool touches(double z) const { return !tops.empty() && tops.front() > z + kTouchMm; }
+    /// Count of grid rows in which the cutter is deeper than `depth` with its tip at z: the engaged width.
+    [[nodiscard]] int rows(double z, double depth) const {
+      return static_cast<int>(std::count_if(tops.begin(), tops.end(), [&](float top) { return top > z + depth; }));
+    }
   };
-  [[nodiscard]] Meeting meet(int i, int j, double z) const {
+  [[nodiscard]] Meeting meet(int i, int j) const {
     Meeting m;
-    const float limit = static_cast<float>(z + kTouchMm);
-    int counted_row = std::numeric_limits<int>::min();
     const int ci = i - rim_x_;
     const int cj = j - rim_y_;
-    for (const Offset& o : offsets_) {
-      const int a = ci + o.i;
-      const int b = cj + o.j;
-      if (a < 0 || b < 0 || a > block_nx_ || b > block_ny_) continue;
-      const float s = stock_.at(a, b);
-      if (o.core) m.core_top = std::max(m.core_top, s);
-      m.top = std::max(m.top, s - o.up);
-      if (s > limit + o.up) {
-        m.touches = true;
-        if (o.j != counted_row) {
-          counted_row = o.j;
-          ++m.rows;
-        }
+    for (const Row& row : rows_) {
+      const int b = cj + row.j;
+      if (b < 0 || b > block_ny_) continue;
+      const float* stock = &stock_.at(0, b);
+      float top = kNothing;
+      for (int k = row.first; k < row.end; ++k) {
+        const Offset& o = offsets_[k];
+        const int a = ci + o.i;
+        if (a < 0 || a > block_nx_) continue;
+        top = std::max(top, stock[a] - o.up);
+        if (o.core) m.core_top = std::max(m.core_top, stock[a]);
       }
+      if (top > kNothing / 2) m.tops.push_back(top);
     }
+    std::sort(m.tops.begin(), m.tops.end(), std::greater<>());
     return m;
+  }
+
+  /// The lowest tip that keeps to the cutter's data: deeper than in a slot only as wide as the stepover, and never too deep.
+  [[nodiscard]] double held(const Meeting& m) const {
+    if (m.tops.empty()) return kNothing;
+    const std::size_t widest = static_cast<std::size_t>(options_.stepover_mm / dy_ + 1e-9) + 1;
+    double z = m.tops.front() - kDeepestShare * options_.stepdown_mm;
+    if (m.tops.size() > widest) z = std::max(z, m.tops[widest] - slot_depth_);
+    return z;
   }
 
   void remove(int i, int j, double z) {
@@ -257,11 +310,11 @@ class Rougher {
   void mill_line(double level, double over, int j) {
     std::vector<double> wish(tip_columns());
     for (int i = 0; i < tip_columns(); ++i) wish[i] = std::max(level, tip_.at(i, j) + over);
-    // Forward, and where a ramp has left something, back and forth until nothing is left.
+    // Forward, and where a ramp or a slot has left something, back and forth until nothing is left.
     for (int traverse = 0; traverse < kMostTraverses; ++traverse) {
       std::vector<char> need(tip_columns());
       bool any = false;
-      for (int i = 0; i < tip_columns(); ++i) any |= (need[i] = meet(i, j, wish[i]).touches) != 0;
+      for (int i = 0; i < tip_columns(); ++i) any |= (need[i] = meet(i, j).touches(wish[i])) != 0;
       if (!any) break;
       const int gap = static_cast<int>(kGapMm / dx_);
       std::vector<std::pair<int, int>> stretches;
@@ -301,21 +354,18 @@ class Rougher {
     remove(from, j, z);
     const int widest = static_cast<int>(std::ceil(options_.stepover_mm / dy_)) + 2;
     for (int i = from + step; i != to + step; i += step) {
-      const double core = std::max(wish[i], static_cast<double>(meet(i, j, wish[i]).core_top));
-      double next = std::max(wish[i], std::min(core, z - dx_ * kRampSlope));
-      Meeting m = meet(i, j, next);
-      // Material to both sides: no deeper than the cutter's data; the rest is for another traverse.
-      if (m.rows > widest && m.top - next > slot_depth_) {
-        next = m.top - slot_depth_;
-        m = meet(i, j, next);
-      }
+      const Meeting m = meet(i, j);
+      const double core = std::max(wish[i], static_cast<double>(m.core_top));
+      const double next = std::max({wish[i], held(m), std::min(core, z - dx_ * kRampSlope)});
       Point p{x_of(i), next, MoveKind::kCut, cut_feed};
-      if (m.touches && z - next > 0.8 * dx_ * kRampSlope) {
+      if (m.touches(next) && z - next > 0.8 * dx_ * kRampSlope) {
         p.kind = MoveKind::kPlunge;
         p.feed = plunge_feed;
-      } else if (m.rows > widest) {
+      } else if (m.rows(next, kTouchMm) > widest) {
         p.feed = cut_feed / 2;  // a slot
       }
+      // Up where it is clear, before meeting what is higher.
+      if (next > z + kLiftMm) points.push_back({points.back().x, next, MoveKind::kCut, p.feed});
       points.push_back(p);
       z = next;
       remove(i, j, z);
@@ -353,7 +403,10 @@ class Rougher {
     int out = i;
     if (beside_by(i) > -mill_.corner_radius_mm - dx_) {
       const int side = start.x() < box_.centre().x() ? -1 : 1;
-      while (beside_by(out) < kBesideMm && out + side >= 0 && out + side < tip_columns()) out += side;
+      while (beside_by(out) < kBesideMm && out + side >= 0 && out + side < tip_columns() &&
+             tip_.at(out + side, j) <= static_cast<float>(start.z()) + 1e-4F) {
+        out += side;
+      }
     }
     const bool arrived = !moves_.empty() && (moves_.back().pose.tip_mm - start).norm() < 1e-9;
     if (out != i && !arrived) {
@@ -408,6 +461,15 @@ class Rougher {
     for (int j = j0; j <= j1; ++j) {
       for (int i = i0; i <= i1; ++i) highest = std::max(highest, stock_.at(i, j));
     }
+    Box2 way;
+    for (const Vec3& end : {a, b}) {
+      way.include(end.head<2>() - Vec2::Constant(radius_ + kBesideMm));
+      way.include(end.head<2>() + Vec2::Constant(radius_ + kBesideMm));
+    }
+    for (const KeepOut& k : blank_.keep_outs) {
+      const bool beside = k.min_mm.x() > way.max.x() || k.max_mm.x() < way.min.x() || k.min_mm.y() > way.max.y() || k.max_mm.y() < way.min.y();
+      if (!beside) highest = std::max(highest, static_cast<float>(k.max_mm.z()));
+    }
     return highest;
   }
 
@@ -440,6 +502,7 @@ class Rougher {
   int block_nx_ = 0, block_ny_ = 0, rim_x_ = 0, rim_y_ = 0;
   double dx_ = 0, dy_ = 0;
   std::vector<Offset> offsets_;  ///< under the cutter
+  std::vector<Row> rows_;        ///< of them
   std::vector<Offset> around_;   ///< and a cell beside it
   Grid<float> target_, tip_, stock_;
   double margin_mm_ = 0, lowest_tip_ = 0, clearance_z_ = 0;
@@ -448,8 +511,9 @@ class Rougher {
 
 }  // namespace
 
-ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill,
-                       const RoughOptions& options, const Monitor& monitor) {
+namespace {
+
+void check(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const RoughOptions& options) {
   const auto refuse = [](const std::string& what) { throw InputError("rough: " + what); };
   if (!(blank.size_mm.x() > 0 && blank.size_mm.y() > 0 && blank.height_mm > 0)) refuse("the blank has no size");
   if (!(mill.radius_mm() > 0 && mill.feed_mm_per_s() > 0 && mill.plunge_feed_mm_per_s > 0)) {
@@ -478,20 +542,57 @@ ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const C
     refuse("the lens is " + compact(highest - blank.height_mm, 3) + " mm taller than the blank of " +
            compact(blank.height_mm, 3) + " mm; use a higher blank (stock.height_mm) or a longer distance");
   }
+}
+
+}  // namespace
+
+ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const RoughOptions& options,
+                       const Monitor& monitor) {
+  check(surface, blank, mill, options);
   return Rougher(surface, blank, mill, options).plan(monitor);
 }
 
 RoughChoice plan_faster_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill, RoughOptions options,
                                  const Monitor& monitor) {
   constexpr double kRapidMmPerS = 200;  // both ways alike
+  check(surface, blank, mill, options);
   options.way = RoughWay::kLevels;
-  ToolPath levels = plan_roughing(surface, blank, mill, options, monitor.part(0, 0.5));
-  options.way = RoughWay::kLayers;
-  ToolPath layers = plan_roughing(surface, blank, mill, options, monitor.part(0.5, 1));
-  RoughChoice choice{RoughWay::kLevels, {}, levels.minutes(kRapidMmPerS), layers.minutes(kRapidMmPerS)};
+  Rougher by_levels(surface, blank, mill, options);
+  ToolPath levels = by_levels.plan(monitor.part(0, 0.5));
+  RoughOptions layer_options = options;
+  layer_options.way = RoughWay::kLayers;
+  Rougher by_layers(surface, blank, mill, layer_options);
+  ToolPath layers = by_layers.plan(monitor.part(0.5, 1));
+  RoughChoice choice{RoughWay::kLevels, {}, {}, levels.minutes(kRapidMmPerS), layers.minutes(kRapidMmPerS)};
   if (choice.layers_minutes < choice.levels_minutes) choice.way = RoughWay::kLayers;
   choice.path = std::move(choice.way == RoughWay::kLayers ? layers : levels);
+  choice.rest = (choice.way == RoughWay::kLayers ? by_layers : by_levels).rest();
   return choice;
+}
+
+double deepest_cut_mm(const RestMaterial& rest, const ToolPath& path) {
+  constexpr double kEveryMm = 1;
+  const Grid<float>& h = rest.heights_mm;
+  const Vec2 pitch = rest.extent.size().cwiseQuotient(Vec2(h.width - 1, h.height - 1));
+  const double radius = path.cutter.radius_mm();
+  double deepest = 0;
+  Vec3 last = Vec3::Constant(std::numeric_limits<double>::infinity());
+  for (const Move& move : path.moves) {
+    if (move.kind != MoveKind::kCut && move.kind != MoveKind::kPlunge) continue;
+    const Vec3 centre = move.pose.tip_mm + radius * move.pose.axis;
+    if ((centre - last).norm() < kEveryMm) continue;
+    last = centre;
+    const Vec2 low = (centre.head<2>() - rest.extent.min - Vec2::Constant(radius)).cwiseQuotient(pitch);
+    const Vec2 high = (centre.head<2>() - rest.extent.min + Vec2::Constant(radius)).cwiseQuotient(pitch);
+    for (int j = std::max(0, static_cast<int>(std::ceil(low.y()))); j <= std::min<double>(h.height - 1, high.y()); ++j) {
+      for (int i = std::max(0, static_cast<int>(std::ceil(low.x()))); i <= std::min<double>(h.width - 1, high.x()); ++i) {
+        const Vec2 away = rest.extent.min + Vec2(i, j).cwiseProduct(pitch) - centre.head<2>();
+        const double square = radius * radius - away.squaredNorm();
+        if (square > 0) deepest = std::max(deepest, h.at(i, j) - (centre.z() - std::sqrt(square)));
+      }
+    }
+  }
+  return deepest;
 }
 
 }  // namespace lightmill

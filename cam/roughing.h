@@ -4,6 +4,7 @@
 #include "cam/blank.h"
 #include "cam/spline_surface.h"
 #include "cam/toolpath.h"
+#include "design/core/grid.h"
 #include "design/core/monitor.h"
 
 namespace lightmill {
@@ -24,19 +25,29 @@ struct RoughOptions {
   double clearance_mm = 5;
 };
 
-/// Vertical axis, climb milling, entered from beside the block, no plunge into material. No cut takes more than the stepover
-/// beside a line; where it must (a pit's first line) it goes in by a ramp, at half feed, and no deeper than the mill's
-/// slot_depth_mm at once.
+/// Vertical axis, climb milling, entered from beside the block, no plunge into material. Where the mill engages wider than the
+/// stepover (a pit's first line, behind islands) it is, at half feed, no deeper than its slot_depth_mm; nowhere deeper than
+/// 1.3 stepdowns.
 ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill,
                        const RoughOptions& options, const Monitor& monitor = {});
+
+/// What stands when a pass is over: heights at even nodes from corner to corner of the blank.
+struct RestMaterial {
+  Box2 extent;
+  Grid<float> heights_mm;
+};
 
 /// The faster of both ways, by planning both.
 struct RoughChoice {
   RoughWay way = RoughWay::kLevels;
   ToolPath path;
+  RestMaterial rest;
   double levels_minutes = 0, layers_minutes = 0;
 };
 RoughChoice plan_faster_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill, RoughOptions options,
                                  const Monitor& monitor = {});
+
+/// The deepest that a ball's cutting moves reach below what stands when they start, along Z.
+double deepest_cut_mm(const RestMaterial& rest, const ToolPath& path);
 
 }  // namespace lightmill

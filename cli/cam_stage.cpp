@@ -119,6 +119,12 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   RoughChoice rough = plan_faster_roughing(surface, blank, job.rough.cutter, job.rough.options, monitor.part(0.38, 0.48));
   passes.push_back(std::move(rough.path));
   passes.push_back(plan_finishing(surface, blank, job.semi_finish.cutter, semi_finish, monitor.part(0.48, 0.62)));
+  // Above its flutes nothing cuts.
+  const double deepest_mm = deepest_cut_mm(rough.rest, passes.back());
+  if (deepest_mm > job.semi_finish.cutter.flute_length_mm) {
+    throw InputError("semi_finish: roughing leaves " + compact(deepest_mm, 2) + " mm to be cut at once, the flutes of '" + job.semi_finish.cutter.name +
+                     "' are " + compact(job.semi_finish.cutter.flute_length_mm, 2) + " mm long; use a smaller roughing mill or a ball with longer flutes");
+  }
   passes.push_back(plan_finishing(surface, blank, job.finish.cutter, finish, monitor.part(0.62, 0.9)));
   std::optional<RestPlan> rest;
   FinishOptions rest_options;
@@ -180,7 +186,8 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   }
   cam["finish"]["blur_mm"] = blur_on_screen_mm(job.finish.cutter.radius_mm(), job.finish.options.cusp_um, job.receiver.distance_mm,
                                                job.lens.refractive_index, job.dry_run.polish_sigma_um / 1000);
-  cam["rough"]["way"] = rough.way == RoughWay::kLayers ? "layers" : "levels";
+  cam["rough"]["strategy"] = rough.way == RoughWay::kLayers ? "layers" : "levels";
+  cam["semi_finish"]["deepest_cut_mm"] = deepest_mm;
   cam["rough"]["levels_minutes"] = rough.levels_minutes;
   cam["rough"]["layers_minutes"] = rough.layers_minutes;
   cam["creases"] = creases_json(surface, reachable, job);

@@ -34,38 +34,46 @@ struct OwnStock {
   }
   [[nodiscard]] double x(int i) const { return -size.x() / 2 + i * kPitch; }
   [[nodiscard]] double y(int j) const { return -size.y() / 2 + j * kPitch; }
-  /// Removes along a move; returns the deepest cut. `wide` gets the deepest cut where material is met over more than the
-  /// width in y.
-  double sweep(const Vec3& a, const Vec3& b, bool cut, double width_mm = 1e9, double* wide = nullptr) {
+  /// What a move meets: the deepest cut, that under the inner half of the cutter, and how wide, counted in strips along the
+  /// move within a millimetre of it, it engages deeper than it may over its full width.
+  struct Engagement {
     double deepest = 0;
+    double core = 0;
+    double width = 0;
+  };
+  /// Removes along a move.
+  Engagement sweep(const Vec3& a, const Vec3& b, bool cut) {
+    Engagement e;
+    const Vec2 along = (b - a).head<2>().norm() > 1e-9 ? Vec2((b - a).head<2>().normalized()) : Vec2(Vec2::Zero());
+    const int strip_count = 2 * static_cast<int>(tool.radius_mm() / kPitch) + 3;
+    std::vector<double> met_at(strip_count, -1e9);
     const int steps = 1 + static_cast<int>((b - a).norm() / 0.1);
     for (int k = 0; k <= steps; ++k) {
       const Vec3 p = a + (b - a) * k / steps;
       const double r = tool.radius_mm();
+      const double travelled = (b - a).norm() * k / steps;
       const int i0 = std::max(0, static_cast<int>(std::ceil((p.x() - r + size.x() / 2) / kPitch)));
       const int i1 = std::min(nx, static_cast<int>(std::floor((p.x() + r + size.x() / 2) / kPitch)));
       const int j0 = std::max(0, static_cast<int>(std::ceil((p.y() - r + size.y() / 2) / kPitch)));
       const int j1 = std::min(ny, static_cast<int>(std::floor((p.y() + r + size.y() / 2) / kPitch)));
-      double here = 0;
-      int lowest = ny + 1, highest = -1;
       for (int j = j0; j <= j1; ++j) {
         for (int i = i0; i <= i1; ++i) {
           const double d = std::hypot(x(i) - p.x(), y(j) - p.y());
           if (d > r) continue;
           const double z = p.z() + above_tip(tool, d);
           double& h = heights.at(i, j);
-          here = std::max(here, h - z);
-          if (h - z > 0.05) {
-            lowest = std::min(lowest, j);
-            highest = std::max(highest, j);
+          e.deepest = std::max(e.deepest, h - z);
+          if (d < r / 2) e.core = std::max(e.core, h - z);
+          if (h - z > tool.slot_depth_mm + 0.05) {
+            const double aside = (x(i) - p.x()) * along.y() - (y(j) - p.y()) * along.x();
+            met_at[static_cast<int>(std::floor(aside / kPitch + strip_count / 2.0))] = travelled;
           }
           if (cut && z < h) h = z;
         }
       }
-      deepest = std::max(deepest, here);
-      if (wide && (highest - lowest) * kPitch > width_mm) *wide = std::max(*wide, here);
+      e.width = std::max(e.width, kPitch * static_cast<double>(std::count_if(met_at.begin(), met_at.end(), [&](double s) { return s > travelled - 1; })));
     }
-    return deepest;
+    return e;
   }
   Vec2 size;
   Cutter tool;
@@ -73,11 +81,16 @@ struct OwnStock {
   Grid<double> heights;
 };
 
+/// One of the planner's rows, two of the judge's strips, and what the border of the material gains within the millimetre looked at.
+constexpr double kEngagementToleranceMm = 1.2;
+/// A pixel of the judge between the planner's nodes, on slopes to 1.
+constexpr double kDepthToleranceMm = 0.25;
+
 struct Case {
   const char* name;
   double (*height)(double, double);
   double over;  ///< blank above the surface
-  RoughWay way = RoughWay::kLevels;
+  RoughWay way;
 };
 
 double hills(double x, double y) {
@@ -91,6 +104,11 @@ double dome(double x, double y) {
 }
 double slope(double x, double y) {
   return 13 + 0.2 * x + 0.1 * y;
+}
+
+/// A hill that stands in the way of the lines: behind it, material is left that no neighbouring line has opened.
+double island(double x, double y) {
+  return 10 + 3.5 * std::exp(-std::pow((x * x + 1.5 * y * y) / 50, 2));
 }
 
 class Roughing : public ::testing::TestWithParam<Case> {};
@@ -129,7 +147,7 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
   OwnStock stock(blank, tool);
   EXPECT_EQ(path.moves.front().kind, MoveKind::kRapid);
   EXPECT_EQ(path.moves.back().kind, MoveKind::kRapid);
-  double deepest = 0, in_air = 0, steepest = 0;
+  double deepest = 0, in_air = 0, steepest = 0, widest = 0;
   for (std::size_t k = 1; k < path.moves.size(); ++k) {
     const Move& m = path.moves[k];
     const Vec3& a = path.moves[k - 1].pose.tip_mm;
@@ -140,11 +158,12 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
     } else {
       EXPECT_GT(m.feed_mm_per_s, 0);
     }
-    const double depth = stock.sweep(a, b, cut);
+    const OwnStock::Engagement met = stock.sweep(a, b, cut);
     if (!cut)
-      in_air = std::max(in_air, depth);
+      in_air = std::max(in_air, met.deepest);
     else
-      deepest = std::max(deepest, depth);
+      deepest = std::max(deepest, met.deepest);
+    if (cut) widest = std::max(widest, met.width);
     // Going down beside the block misses one that stands 0.3 mm over on each side, too.
     const auto beside = [&](double over) {
       return std::hypot(std::max(0.0, std::abs(b.x()) - 19 - over), std::max(0.0, std::abs(b.y()) - 15.5 - over));
@@ -152,13 +171,14 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
     if (!cut && b.z() < a.z() && b.z() < blank.height_mm && beside(0) > tool.radius_mm() - 0.2) {
       EXPECT_GT(beside(0.3), tool.radius_mm()) << "move " << k;
     }
-    // Straight down only through air.
+    // Down at more than 3 degrees only where the cutter's middle, which does not cut, meets air.
     const double level = (b - a).head<2>().norm();
-    if (cut && level < 1e-9) steepest = std::max(steepest, depth);
+    if (cut && a.z() - b.z() > std::tan(3.1 * kPi / 180) * level + 1e-9) steepest = std::max(steepest, met.core);
   }
   EXPECT_LE(in_air, 0.03);
   EXPECT_LE(steepest, 0.05) << "plunge into material";
-  EXPECT_LE(deepest, options.stepdown_mm + 0.45) << "cut deeper than a level and what the one above left";
+  EXPECT_LE(deepest, 1.3 * options.stepdown_mm + kDepthToleranceMm) << "cut deeper than a level and what the one above left";
+  EXPECT_LE(widest, options.stepover_mm + kEngagementToleranceMm) << "engaged wider than the stepover";
 
   // What stays, against the stated bound.
   double most = 0;
@@ -174,9 +194,12 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Surfaces, Roughing,
-                         ::testing::Values(Case{"hills", hills, 0.3}, Case{"bowl", bowl, 0.0}, Case{"dome", dome, 2.5},
-                                           Case{"slope", slope, 0.3}, Case{"hills_in_layers", hills, 0.3, RoughWay::kLayers},
-                                           Case{"dome_in_layers", dome, 2.5, RoughWay::kLayers}),
+                         ::testing::Values(Case{"hills", hills, 0.3, RoughWay::kLevels},
+                                           Case{"bowl", bowl, 0.0, RoughWay::kLayers},
+                                           Case{"dome", dome, 2.5, RoughWay::kLevels},
+                                           Case{"slope", slope, 0.3, RoughWay::kLayers},
+                                           Case{"island", island, 0.4, RoughWay::kLevels},
+                                           Case{"island_in_layers", island, 0.4, RoughWay::kLayers}),
                          [](const auto& test) { return std::string(test.param.name); });
 
 TEST(RoughingEntry, TheFirstCutOfALevelTakesNoMoreThanTheStepover) {
@@ -199,6 +222,13 @@ TEST(RoughingEntry, TheFirstCutOfALevelTakesNoMoreThanTheStepover) {
   EXPECT_NEAR(first_y, 15 + 5 - 4, 0.26);
   EXPECT_LT(first_x, -20 - 5 + 0.3);
   EXPECT_NEAR(path.predicted_cusp_um, 300, 60);
+  OwnStock stock(blank, mill());
+  double widest = 0;
+  for (std::size_t k = 1; k < path.moves.size(); ++k) {
+    const bool cut = path.moves[k].kind == MoveKind::kCut;
+    widest = std::max(widest, stock.sweep(path.moves[k - 1].pose.tip_mm, path.moves[k].pose.tip_mm, cut).width);
+  }
+  EXPECT_NEAR(widest, 4, kEngagementToleranceMm) << "the judge of engagement sees the stepover";
 }
 
 TEST(RoughingSlots, WhatIsWiderThanTheStepoverIsNoDeeperThanTheMillsData) {
@@ -211,16 +241,17 @@ TEST(RoughingSlots, WhatIsWiderThanTheStepoverIsNoDeeperThanTheMillsData) {
     Cutter tool = mill();
     tool.slot_depth_mm = slot;
     const ToolPath path = plan_roughing(s, blank, tool, {});
+    tool.slot_depth_mm = 0.3;
     OwnStock stock(blank, tool);
-    double wide = 0;
+    double widest = 0;
     for (std::size_t k = 1; k < path.moves.size(); ++k) {
       const bool cut = path.moves[k].kind == MoveKind::kCut || path.moves[k].kind == MoveKind::kPlunge;
-      stock.sweep(path.moves[k - 1].pose.tip_mm, path.moves[k].pose.tip_mm, cut, 4 + 3 * OwnStock::kPitch, &wide);
+      widest = std::max(widest, stock.sweep(path.moves[k - 1].pose.tip_mm, path.moves[k].pose.tip_mm, cut).width);
     }
     if (slot == 0) {
-      EXPECT_GT(wide, 0.45) << "no slot here: the case tests nothing";
+      EXPECT_GT(widest, 6) << "no slot here: the case tests nothing";
     } else {
-      EXPECT_LE(wide, slot + 0.06);
+      EXPECT_LE(widest, RoughOptions{}.stepover_mm + kEngagementToleranceMm);
     }
   }
 }
@@ -238,6 +269,42 @@ TEST(RoughingChoice, TakesTheFasterWayAndSaysBothTimes) {
     EXPECT_EQ(choice.path.minutes(200), std::min(choice.levels_minutes, choice.layers_minutes));
     EXPECT_EQ(choice.way == RoughWay::kLayers, choice.layers_minutes < choice.levels_minutes);
   }
+}
+
+TEST(RoughingRest, IsWhatTheCutterLeavesAndTellsHowDeepTheNextOneCuts) {
+  // Steps of a dome: the rest against a stock that is swept by the test, and the ball's deepest cut against both.
+  const auto s = spline_of(Box2::centred({36, 30}), 90, 75, dome);
+  const Blank blank{{38, 31}, s.highest() + 1};
+  const RoughChoice plan = plan_faster_roughing(s, blank, mill(), {});
+  OwnStock stock(blank, mill());
+  for (std::size_t k = 1; k < plan.path.moves.size(); ++k) {
+    const MoveKind kind = plan.path.moves[k].kind;
+    stock.sweep(plan.path.moves[k - 1].pose.tip_mm, plan.path.moves[k].pose.tip_mm, kind == MoveKind::kCut || kind == MoveKind::kPlunge);
+  }
+  const Grid<float>& rest = plan.rest.heights_mm;
+  const Vec2 pitch = plan.rest.extent.size().cwiseQuotient(Vec2(rest.width - 1, rest.height - 1));
+  for (int j = 1; j < stock.ny; j += 3) {
+    for (int i = 1; i < stock.nx; i += 3) {
+      const Vec2 at = (Vec2(stock.x(i), stock.y(j)) - plan.rest.extent.min).cwiseQuotient(pitch);
+      const int a = static_cast<int>(at.x());
+      const int b = static_cast<int>(at.y());
+      const auto [low, high] = std::minmax({rest.at(a, b), rest.at(a + 1, b), rest.at(a, b + 1), rest.at(a + 1, b + 1)});
+      EXPECT_GE(stock.heights.at(i, j), low - 0.15) << at.transpose();
+      EXPECT_LE(stock.heights.at(i, j), high + 0.15) << at.transpose();
+    }
+  }
+  ToolPath ball;
+  ball.cutter = test::cutter("semi_finish_4mm_ball");
+  ball.moves.push_back({{Vec3(3, 2, dome(3, 2)), Vec3::UnitZ()}, MoveKind::kCut, 10});
+  double deepest = 0;
+  for (int j = 0; j < rest.height; ++j) {
+    for (int i = 0; i < rest.width; ++i) {
+      const double d = (plan.rest.extent.min + Vec2(i, j).cwiseProduct(pitch) - Vec2(3, 2)).norm();
+      if (d < 2) deepest = std::max(deepest, rest.at(i, j) - (dome(3, 2) + 2 - std::sqrt(4 - d * d)));
+    }
+  }
+  EXPECT_NEAR(deepest_cut_mm(plan.rest, ball), deepest, 1e-5);
+  EXPECT_GT(deepest, 0.3);
 }
 
 TEST(RoughingErrors, NameWhatIsWrongAndByHowMuch) {

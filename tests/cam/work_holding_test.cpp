@@ -77,5 +77,35 @@ TEST(WorkHolding, AnyPartOfTheToolCountsOnAnyMove) {
   EXPECT_THAT(refusal([&] { refuse_contact(path, box(0, 63, 4)); }), HasSubstr("the holder"));
 }
 
+TEST(WorkHolding, RoughingGoesAroundClampsOnTheBlank) {
+  // The blank is 14 mm larger all around than the lens: room for the mill between lens and clamps.
+  const auto s = spline_of(Box2::centred({30, 26}), 30, 30, [](double x, double y) { return 14 + 0.4 * std::sin(x / 4) * std::cos(y / 5); });
+  const Cutter mill = test::cutter("rough_10mm");
+  Blank blank{{58, 54}, s.highest() + 0.6};
+  const ToolPath free = plan_roughing(s, blank, mill, {});
+  for (const double y : {-14.0, 12.0}) {
+    blank.keep_outs.push_back({{-60, y, 0}, {-26.5, y + 8, 27}});
+    blank.keep_outs.push_back({{26.5, y, 0}, {60, y + 8, 27}});
+  }
+  EXPECT_NE(refusal([&] { refuse_contact(free, blank.keep_outs); }), "planned") << "a plan that does not know of them runs into them";
+  const ToolPath around = plan_roughing(s, blank, mill, {});  // which looks at its own path
+  // By brute force: no place of the mill, at any pose, is within a box.
+  double lowest = 1e9;
+  for (std::size_t k = 1; k < around.moves.size(); ++k) {
+    for (int t = 0; t <= 10; ++t) {
+      const Vec3 p = around.moves[k - 1].pose.tip_mm + t / 10.0 * (around.moves[k].pose.tip_mm - around.moves[k - 1].pose.tip_mm);
+      for (const KeepOut& box : blank.keep_outs) {
+        const double x = std::max({box.min_mm.x() - p.x(), p.x() - box.max_mm.x(), 0.0});
+        const double y = std::max({box.min_mm.y() - p.y(), p.y() - box.max_mm.y(), 0.0});
+        if (std::hypot(x, y) < 5) lowest = std::min(lowest, p.z() - box.max_mm.z());
+      }
+    }
+  }
+  EXPECT_GT(lowest, 0) << "the mill within a clamp";
+  EXPECT_LT(lowest, 10) << "nothing near a clamp: the test sees nothing";
+  // Still all of the lens is roughed.
+  EXPECT_LT(around.predicted_cusp_um, free.predicted_cusp_um + 50);
+}
+
 }  // namespace
 }  // namespace lightmill
