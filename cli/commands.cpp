@@ -1,21 +1,16 @@
 #include "cli/commands.h"
 
-#include <unistd.h>
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "cli/digest.h"
 #include "cli/errors_file.h"
 #include "cli/job.h"
-#include "cli/operator_keys.h"
 #include "cli/pages.h"
 #include "cli/progress.h"
 #include "cli/run_folder.h"
@@ -23,7 +18,7 @@
 #include "cli/simulation.h"
 #include "cli/stage_runs.h"
 #include "cli/stages.h"
-#include "cli/stream_checks.h"
+#include "cli/stream_command.h"
 #include "cli/study.h"
 #include "cli/trace_command.h"
 #include "design/core/errors.h"
@@ -31,11 +26,6 @@
 #include "design/core/image.h"
 #include "design/core/parallel.h"
 #include "design/core/text.h"
-#include "machine/block_transfer.h"
-#include "machine/connection.h"
-#include "machine/drip_feed.h"
-#include "machine/program_lines.h"
-#include "machine/streamer.h"
 #include "postproc/kinematics.h"
 
 namespace lightmill {
@@ -123,25 +113,6 @@ void print_summary(const RunFolder& folder, Progress& progress) {
   progress.event({{"event", "report"}, {"path", folder.file("report.json").string()}, {"report", report}});
 }
 
-/// Tells about faults of the dry run; the exit code says the same.
-int verdict(const RunFolder& folder) {
-  const int faults = count_faults(folder);
-  if (faults == 0) return kExitDone;
-  std::string first;
-  const json list = json::parse(read_whole(folder.file("dry_run/faults.json")), nullptr, false);
-  if (list.is_object() && !list["faults"].empty()) {
-    const json& fault = list["faults"][0];
-    first = fault.value("kind", "");
-    if (!fault.value("program", "").empty()) first += " in " + fault.value("program", "");
-    if (fault.value("line", 0L) > 0) first += " line " + std::to_string(fault.value("line", 0L));
-    first += ": " + fault.value("message", "");
-    std::replace(first.begin(), first.end(), '\n', ' ');
-  }
-  std::fprintf(stderr, "lightmill: the dry run found %d fault%s, first: %s; see %s\n", faults, faults == 1 ? "" : "s", first.c_str(),
-               folder.file("report.html").c_str());
-  return kExitDryRunFault;
-}
-
 int make(const Common& common, const std::string& job_path, const std::string& out, const std::string& until) {
   const Job given = read_job(job_path);
   check_job(given);
@@ -167,7 +138,7 @@ int make(const Common& common, const std::string& job_path, const std::string& o
   }
   write_pages(job, folder);
   print_summary(folder, progress);
-  return last == Stage::kDryRun ? verdict(folder) : kExitDone;
+  return last == Stage::kDryRun ? dry_run_verdict(folder) : kExitDone;
 }
 
 /// A what-if study of a job; what it needs of the chain is made first, or kept.
@@ -192,7 +163,7 @@ int run_stages(const Common& common, const std::string& dir, const std::vector<S
     progress.done();
   }
   print_summary(folder, progress);
-  return stages.back() == Stage::kDryRun ? verdict(folder) : kExitDone;
+  return stages.back() == Stage::kDryRun ? dry_run_verdict(folder) : kExitDone;
 }
 
 int dry_run_programs(const Common& common, const std::vector<std::string>& programs, SimulatedShop shop, const std::string& out) {
@@ -212,165 +183,6 @@ int dry_run_programs(const Common& common, const std::vector<std::string>& progr
   std::fprintf(stderr, "lightmill: the dry run found %zu fault(s), first: %s line %ld: %s; see %s\n", outcome.faults.size(),
                first.kind.c_str(), first.line, first.message.c_str(), (fs::path(out) / "faults.json").c_str());
   return kExitDryRunFault;
-}
-
-/// A run folder's programs leave only as the dry run saw them, and only if it found no fault.
-int allowed_to_mill(const RunFolder& folder) {
-  const std::string again = "lightmill dry-run " + folder.root().string();
-  if (folder.record(Stage::kDryRun).is_null())
-    throw InputError("these programs have not been dry-run, do not mill; run: " + again);
-  const json made = folder.record(Stage::kPost);
-  if (made.is_null())
-    throw InputError(
-        "the programs' record is gone, do not mill; run: lightmill make, or lightmill post and dry-run, again");
-  for (const auto& [name, what] : made["files"].items()) {
-    std::error_code error;
-    if (fs::exists(folder.file(name), error) && sha256_of_file(folder.file(name)) == what["sha256"]) continue;
-    throw InputError(
-        name +
-        " is not what the dry run saw (lines lost or edited), do not mill; write it again with: lightmill post " +
-        folder.root().string() + ", then: " + again);
-  }
-  return verdict(folder);
-}
-
-struct StreamChoices {
-  std::string what;  ///< run folder or program
-  std::string port;  ///< empty: the job's
-  int baud = 0;      ///< 0: the job's, else 115200
-  std::string protocol = "grblhal";
-  std::string format;  ///< empty: the protocol's own
-  bool confirm_all = false;
-  bool no_check = false;
-  std::vector<long> pause_at;  ///< lines of the program
-  bool single_block = false, optional_stops = false;
-};
-
-/// Which line formats and dialects go with a way of sending.
-struct Protocol {
-  const char* name;
-  const char* format;
-  std::vector<std::string> dialects;
-  [[nodiscard]] bool acknowledges_lines() const { return std::string_view(name).starts_with("grbl"); }
-};
-
-const Protocol& protocol_of(const std::string& name) {
-  static const std::vector<Protocol> kProtocols = {{"grblhal", "8N1", {"grblhal"}},
-                                                   {"grbl", "8N1", {"grblhal"}},
-                                                   {"drip", "7E2", {"fanuc", "siemens", "heidenhain_iso"}},
-                                                   {"fe", "7E1", {"heidenhain", "heidenhain_iso"}}};
-  for (const Protocol& protocol : kProtocols) {
-    if (name == protocol.name) return protocol;
-  }
-  throw InputError("--protocol " + name + ": must be grblhal, grbl, drip or fe");
-}
-
-/// Sends one program and says how it ended.
-StreamResult send_program(Connection& connection, const std::string& text, const StreamChoices& choices,
-                          const MachineModel* machine, OperatorKeys& keys, const Monitor& monitor) {
-  const auto ask = [&](const std::string& what) { return choices.confirm_all || keys.ask(what); };
-  if (choices.protocol == "fe") return transfer_blockwise(connection, text, {}, monitor);
-  if (choices.protocol == "drip") {
-    DripOptions options;
-    options.on_operator = ask;
-    return drip_feed(connection, text, options, monitor);
-  }
-  StreamOptions options;
-  options.on_operator = ask;
-  options.commands = [&] { return keys.pressed(); };
-  options.machine = machine;
-  if (!choices.no_check) {
-    const StreamResult checked = check_program(connection, text, options, monitor.part(0, 0.1));
-    if (!checked.done()) return checked;
-  }
-  options.pause_before = [&](const ProgramLine& line, std::string_view before) {
-    const auto& at = choices.pause_at;
-    return choices.single_block || (choices.optional_stops && is_optional_stop(before)) ||
-           std::find(at.begin(), at.end(), line.number) != at.end();
-  };
-  return stream_program(connection, text, options, monitor.part(choices.no_check ? 0 : 0.1, 1));
-}
-
-int stream(const Common& common, StreamChoices choices) {
-  std::vector<fs::path> programs;
-  std::optional<MachineModel> machine;
-  std::optional<RunFolder> folder;
-  std::error_code error;
-  const Protocol& protocol = protocol_of(choices.protocol);
-  if (fs::is_directory(choices.what, error)) {
-    folder.emplace(choices.what, false);
-    const Job job = job_of(*folder);
-    if (choices.port.empty()) choices.port = job.stream.port;
-    if (choices.baud == 0) choices.baud = job.stream.baud;
-    const std::string& dialect = job.controller.dialect;
-    if (std::find(protocol.dialects.begin(), protocol.dialects.end(), dialect) == protocol.dialects.end()) {
-      throw InputError("programs in the dialect " + dialect + " are files for the control's own disk; copy " +
-                       folder->file("program").string() + " to it (" + choices.protocol + " feeds " +
-                       protocol.dialects.front() + " programs; see --protocol)");
-    }
-    programs = folder->programs();
-    if (programs.empty()) throw InputError("no program in " + folder->file("program").string() + "; make them with: lightmill post " + choices.what);
-    if (const int code = allowed_to_mill(*folder); code != kExitDone) return code;
-    machine = read_machine(job.machine.file);
-  } else {
-    programs.emplace_back(choices.what);
-  }
-  if (choices.port.empty()) throw InputError("no port given; name it with --port, for example --port /dev/ttyUSB0 (lightmill ports lists them)");
-  std::vector<std::string> texts;
-  for (const auto& program : programs) {
-    texts.push_back(read_whole(program));
-    if (protocol.acknowledges_lines() && !ends_itself(texts.back())) {
-      throw InputError(
-          program.string() +
-          ": the last line is no M2 or M30, the file is cut short or its end is missing; copy it again or add the M30");
-    }
-  }
-  SerialFormat format = serial_format(choices.format.empty() ? protocol.format : choices.format);
-  format.software_flow = choices.protocol == "drip";
-  const int baud = choices.baud == 0 ? 115200 : choices.baud;
-  const auto connection = open_connection(choices.port, baud, format);
-  Progress progress(common.style());
-  OperatorKeys keys(STDIN_FILENO);
-  if (protocol.acknowledges_lines() && ::isatty(STDIN_FILENO) == 1) progress.say(OperatorKeys::kHelp);
-  if (folder) {
-    if (const std::string slow = slow_link(folder->report(), baud); !slow.empty()) progress.say("warning: " + slow);
-    if (!choices.confirm_all && !keys.ask(checklist(job_of(*folder)))) {
-      std::fprintf(stderr, "lightmill: nobody confirmed the checklist, nothing was sent (--confirm-all leaves it out)\n");
-      return kExitStreamEnded;
-    }
-  }
-  for (std::size_t i = 0; i < programs.size(); ++i) {
-    const std::string name = programs[i].filename().string();
-    const StreamResult result =
-        send_program(*connection, texts[i], choices, machine ? &*machine : nullptr, keys, progress.stage(name));
-    const json summary = {{"event", "stream"},
-                          {"program", programs[i].string()},
-                          {"end", stream_end_name(result.end)},
-                          {"message", result.message},
-                          {"lines", result.lines_total},
-                          {"sent", result.lines_sent},
-                          {"acknowledged", result.lines_acknowledged},
-                          {"executed", result.lines_executed},
-                          {"error_line", result.error_line},
-                          {"seconds", result.seconds},
-                          {"starved_reports", result.starved_reports},
-                          {"repeated_blocks", result.repeated_blocks}};
-    progress.event(summary);
-    if (folder) {
-      std::ofstream log(folder->file("streams.jsonl"), std::ios::app);
-      log << summary.dump() << std::endl;
-      if (!log) throw IoError("cannot add to " + folder->file("streams.jsonl").string());
-    }
-    if (result.end == StreamEnd::kStopped && stop_requested()) throw Stopped();
-    if (!result.done()) {
-      std::fprintf(stderr, "lightmill: %s ended early (%s): %s; %ld of %ld lines are acknowledged\n", name.c_str(),
-                   stream_end_name(result.end).c_str(), result.message.c_str(), result.lines_acknowledged, result.lines_total);
-      return kExitStreamEnded;
-    }
-    progress.done();
-    progress.say(name + ": " + result.message + "; " + fixed(result.seconds, 1) + " s");
-  }
-  return kExitDone;
 }
 
 /// Options for a shop floor, shared by `machine` and `dry-run PROGRAM...`.
@@ -465,13 +277,37 @@ int run_command_line(int argc, char** argv) {
   sub->add_option("--until", until, "stop after this stage")->check(CLI::IsMember({"transport", "design", "cam", "post", "dry-run"}));
   on(sub, [&] { return make(common, job, out, until); });
 
-  sub = command("resume", "go on after an interruption, from the first stage that is not done", "resume out");
-  sub->add_option("folder", dir, "run folder")->required();
+  const auto add_streaming = [](CLI::App* to, StreamChoices& choices) {
+    to->add_option("--port", choices.port, "serial port, or tcp://host:port of a network serial server (default: the job's)");
+    to->add_option("--baud", choices.baud, "line speed (default: the job's, 115200)")->check(CLI::Range(300, 4000000));
+    to->add_option("--format", choices.format, "data bits, parity, stop bits: 8N1, 7E1... (default: the protocol's)");
+    to->add_flag("--no-check", choices.no_check, "leave out the pass in the controller's check mode");
+    to->add_option("--pause-at", choices.pause_at, "stop before these lines of the text and ask");
+    to->add_flag("--single-block", choices.single_block, "stop before every line and ask");
+    to->add_flag("--optional-stops", choices.optional_stops, "stop behind M1 and ask");
+    to->add_flag("--confirm-all", choices.confirm_all, "go on at tool changes and pauses without asking (a tool changer, a simulated machine)");
+  };
+  ResumeChoices resumed;
+  sub = command("resume", "go on after an interruption: of a stream, from where its journal proves; else from the first stage that is not done",
+                "resume out\n         lightmill resume out --port /dev/ttyUSB0 --overlap 3");
+  sub->add_option("folder", resumed.stream.what, "run folder")->required();
+  sub->add_option("--from", resumed.from_line, "first line of the program that may not be cut (default: what the journal proves)")->check(CLI::PositiveNumber);
+  sub->add_option("--overlap", resumed.overlap_mm, "way in mm that is gone over again before it")->check(CLI::Range(0.0, 1000.0));
+  sub->add_flag("--yes", resumed.yes, "stream without a typed confirmation");
+  sub->add_option("--protocol", resumed.stream.protocol, "grblhal or grbl")->check(CLI::IsMember({"grblhal", "grbl"}));
+  add_streaming(sub, resumed.stream);
   on(sub, [&] {
-    if (std::error_code error; !fs::exists(fs::path(dir) / "job.toml", error)) {
-      throw InputError(dir + " is no run folder (it has no job.toml); make one with: lightmill make JOB -o " + dir);
+    const std::string& folder = resumed.stream.what;
+    if (std::error_code error; !fs::exists(fs::path(folder) / "job.toml", error)) {
+      throw InputError(folder + " is no run folder (it has no job.toml); make one with: lightmill make JOB -o " + folder);
     }
-    return make(common, (fs::path(dir) / "job.toml").string(), dir, "dry-run");
+    if (has_broken_stream(folder)) {
+      Progress progress(common.style());
+      return resume_stream(resumed, progress);
+    }
+    if (resumed.from_line > 0 || !resumed.stream.port.empty())
+      throw InputError("no stream of the programs in " + folder + " broke off; begin one with: lightmill stream " + folder);
+    return make(common, (fs::path(folder) / "job.toml").string(), folder, "dry-run");
   });
 
   sub = command("design", "design again: light transport, optical surface, predicted picture", "design out");
@@ -507,17 +343,13 @@ int run_command_line(int argc, char** argv) {
 
   sub = command("stream", "send programs to a controller over a serial port", "stream out --port /dev/ttyUSB0");
   sub->add_option("what", streamed.what, "run folder or program file")->required();
-  sub->add_option("--port", streamed.port, "serial port, or tcp://host:port of a network serial server (default: the job's)");
-  sub->add_option("--baud", streamed.baud, "line speed (default: the job's, 115200)")->check(CLI::Range(300, 4000000));
   sub->add_option("--protocol", streamed.protocol, "grblhal, grbl; drip: XON/XOFF to controls that mill what comes; fe: Heidenhain blockwise to the disk")
       ->check(CLI::IsMember({"grblhal", "grbl", "drip", "fe"}));
-  sub->add_option("--format", streamed.format, "data bits, parity, stop bits: 8N1, 7E1... (default: the protocol's)");
-  sub->add_flag("--no-check", streamed.no_check, "leave out the pass in the controller's check mode");
-  sub->add_option("--pause-at", streamed.pause_at, "stop before these lines of the program and ask");
-  sub->add_flag("--single-block", streamed.single_block, "stop before every line and ask");
-  sub->add_flag("--optional-stops", streamed.optional_stops, "stop behind M1 and ask");
-  sub->add_flag("--confirm-all", streamed.confirm_all, "go on at tool changes and pauses without asking (a tool changer, a simulated machine)");
-  on(sub, [&] { return stream(common, streamed); });
+  add_streaming(sub, streamed);
+  on(sub, [&] {
+    Progress progress(common.style());
+    return stream(streamed, progress);
+  });
 
   sub = command("machine", "the simulated machine behind a pseudo-terminal, until Ctrl-C; then what it milled is in --out",
                 "machine --pty /tmp/mill --blank 100x100x14 --out milled");

@@ -70,27 +70,11 @@ Fault surface_fault(const std::string& kind, const std::string& message, const V
 StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& monitor, const ShopOverrides& overrides) {
   const auto started = std::chrono::steady_clock::now();
   const SplineSurface design = read_spline(folder.needed("cam/spline.bin", "cam"));
-  const json cam = folder.report().value("cam", json::object());
-  if (!cam.contains("blank")) throw InputError("the tool paths of " + folder.root().string() + " are not there; run lightmill cam");
   std::vector<Fault> faults;
   const std::vector<fs::path> programs = programs_of(folder, faults);
 
-  // The shop floor as the job describes it, or as the overrides want it.
-  SimulatedShop shop;
-  shop.machine_file = overrides.machine_file.value_or(job.machine.file);
-  shop.cutter_files = overrides.cutter_files.empty()
-                          ? std::vector{job.rough.cutter_file, job.semi_finish.cutter_file, job.finish.cutter_file}
-                          : overrides.cutter_files;
-  if (job.rest && overrides.cutter_files.empty()) shop.cutter_files.push_back(job.rest->cutter_file);
-  shop.blank.size_mm = Vec2(cam["blank"]["size_mm"][0].get<double>(), cam["blank"]["size_mm"][1].get<double>());
-  shop.blank.height_mm = cam["blank"]["height_mm"];
-  shop.blank.keep_outs = keep_outs_of(job);
-  shop.work_offset = overrides.work_offset.value_or(job.machine.work_offset);
-  shop.workpiece_origin_mm = work_on_table(read_machine(job.machine.file), overrides.workpiece_origin_mm.value_or(job.machine.workpiece_origin_mm),
-                                           shop.work_offset).origin_mm;
-  shop.errors = job.dry_run.errors;
-  shop.pitch_um = job.dry_run.pitch_um;
-  shop.time_factor = job.dry_run.time_factor;
+  const json cam = folder.report().value("cam", json::object());
+  const SimulatedShop shop = shop_of(job, folder, overrides);
   // grblHAL is fed over a wire; the other controls run files.
   const SimulationOutcome outcome =
       job.controller.dialect == "grblhal"

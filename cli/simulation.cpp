@@ -16,6 +16,7 @@
 #include "machine/program_run.h"
 #include "machine/pseudo_terminal.h"
 #include "machine/simulated_machine.h"
+#include "postproc/kinematics.h"
 
 namespace lightmill {
 
@@ -102,7 +103,29 @@ std::optional<KeepOut> table_of(const MachineModel& machine, const SimulatedShop
   return KeepOut{centre - half - Vec3(0, 0, 1000), centre + half};
 }
 
-/// What the operator has put on the machine; the spindle's nose ends every holder.
+}  // namespace
+
+SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrides& overrides) {
+  const json cam = folder.report().value("cam", json::object());
+  if (!cam.contains("blank")) throw InputError("the tool paths of " + folder.root().string() + " are not there; run lightmill cam");
+  SimulatedShop shop;
+  shop.machine_file = overrides.machine_file.value_or(job.machine.file);
+  shop.cutter_files = overrides.cutter_files.empty()
+                          ? std::vector{job.rough.cutter_file, job.semi_finish.cutter_file, job.finish.cutter_file}
+                          : overrides.cutter_files;
+  if (job.rest && overrides.cutter_files.empty()) shop.cutter_files.push_back(job.rest->cutter_file);
+  shop.blank.size_mm = Vec2(cam["blank"]["size_mm"][0].get<double>(), cam["blank"]["size_mm"][1].get<double>());
+  shop.blank.height_mm = cam["blank"]["height_mm"];
+  shop.blank.keep_outs = keep_outs_of(job);
+  shop.work_offset = overrides.work_offset.value_or(job.machine.work_offset);
+  shop.workpiece_origin_mm = work_on_table(read_machine(job.machine.file), overrides.workpiece_origin_mm.value_or(job.machine.workpiece_origin_mm),
+                                           shop.work_offset).origin_mm;
+  shop.errors = job.dry_run.errors;
+  shop.pitch_um = job.dry_run.pitch_um;
+  shop.time_factor = job.dry_run.time_factor;
+  return shop;
+}
+
 OperatorSetup setup_of(const SimulatedShop& shop, const MachineModel& machine) {
   OperatorSetup setup;
   for (const auto& file : shop.cutter_files) setup.cutters.push_back(as_it_turns(read_cutter(file), shop.errors));
@@ -118,8 +141,6 @@ OperatorSetup setup_of(const SimulatedShop& shop, const MachineModel& machine) {
   setup.work_offset = shop.work_offset;
   return setup;
 }
-
-}  // namespace
 
 std::string stream_end_name(StreamEnd end) {
   switch (end) {

@@ -10,11 +10,13 @@
 #include <vector>
 
 #include "cam/blank.h"
+#include "cli/stages.h"
 #include "cli/timing_report.h"
 #include "design/core/geometry.h"
 #include "design/core/monitor.h"
 #include "machine/machine_errors.h"
 #include "machine/motion.h"
+#include "machine/simulated_machine.h"
 #include "machine/streamer.h"
 
 namespace lightmill {
@@ -34,6 +36,11 @@ struct SimulatedShop {
   std::vector<std::string> line_faults;     ///< to plant on the line (cable.h)
   unsigned fault_seed = 1;                  ///< chooses the place of a fault that names none
 };
+
+/// The shop floor as the job describes it, the blank as the tool paths were planned for.
+SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrides& overrides = {});
+/// What the operator has put on the machine; the spindle's nose ends every holder.
+OperatorSetup setup_of(const SimulatedShop& shop, const MachineModel& machine);
 
 /// What came of it. Faults of the machine, the stock and the line; the surface is in OUT/machined.tif.
 struct SimulationOutcome {

@@ -4,13 +4,17 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdlib>
+#include <filesystem>
 #include <limits>
 #include <random>
 
 #include "design/core/text.h"
 #include "machine/kinematics.h"
 #include "machine/program_lines.h"
+#include "machine/streamer.h"
 #include "postproc/program.h"
 #include "tests/machine/machine_rig.h"
 #include "tests/postproc/support.h"
@@ -470,6 +474,74 @@ TEST(FindPlace, OfARestartOfARestart) {
     const long expected = std::max(restart.uncut_line, into);
     EXPECT_EQ(place.uncut_line, expected > lines.back().number ? 0 : expected) << acknowledged;
   }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+
+void unlock(Connection& connection) {
+  std::array<char, 4096> buffer;
+  for (const char* bytes : {"\x18", "$X\n"}) {
+    connection.write_some(std::string_view(bytes), std::chrono::milliseconds(100));
+    while (connection.read_some(buffer, std::chrono::milliseconds(150)) > 0) {
+    }
+  }
+}
+
+// A paced machine whose planner holds what is acknowledged but not milled; what it holds is lost when the controller
+// restarts. Stream, fault, place from the journal, restart, stream: the surface of the undisturbed program.
+TEST(Restart, AfterAFaultOfTheController) {
+  const Written w = five_axis();
+  const MachinedSurface undisturbed = milled(w.shop, w.text);
+  const auto lines = static_cast<long>(program_lines(w.text).size());
+  std::string pattern = (std::filesystem::temp_directory_path() / "lightmill_restart_XXXXXX").string();
+  ASSERT_NE(mkdtemp(pattern.data()), nullptr);
+  const std::filesystem::path folder = pattern;
+  for (const std::string fault : {"reset", "alarm", "error", "stop"}) {
+    SCOPED_TRACE(fault);
+    SimulationOptions options;
+    options.stock = coarse();
+    options.time_factor = 200;
+    const long at = lines / 2;
+    if (fault == "reset") options.planted.reset_at_line = at;
+    if (fault == "alarm") options.planted.alarm_at_line = at;
+    if (fault == "error") options.planted.error_at_line = at;
+    test::MachineRig rig(options, w.shop.machine, w.shop.setup);
+    rig.serve_in_thread();
+    const auto connection = rig.connect();
+    StreamOptions stream;
+    stream.on_operator = [](const std::string&) { return true; };
+    Monitor monitor;
+    if (fault == "stop")
+      monitor.on_progress = [](std::string_view, double fraction) {
+        if (fraction > 0.5) throw Stopped();
+      };
+
+    JournalHeader header;
+    header.program_digest = program_digest(w.text);
+    header.lines = lines;
+    header.planner_blocks = w.shop.machine.planner_blocks;
+    StreamResult result;
+    {
+      Journal journal(folder / fault, header);
+      stream.journal = &journal;
+      result = stream_program(*connection, w.text, stream, monitor);
+      // The sender dies without a last word.
+    }
+    ASSERT_FALSE(result.done());
+    ASSERT_GT(result.lines_acknowledged, lines / 4);
+    unlock(*connection);
+
+    const StreamPlace place = find_place(w.shop.machine, w.shop.setup, w.text, read_journal(folder / fault));
+    ASSERT_GT(place.uncut_line, 0);
+    const Restart restart = write_restart(w.shop.machine, w.shop.setup, w.text, place.uncut_line);
+    EXPECT_GT(restart.entry_lines, 0);
+    stream.journal = nullptr;
+    const StreamResult rest = stream_program(*connection, restart.text, stream);
+    EXPECT_TRUE(rest.done()) << rest.message;
+    rig.stop();
+    EXPECT_LT(worst_um(undisturbed, rig.machine.machined()), 0.05);
+  }
+  std::filesystem::remove_all(folder);
 }
 
 }  // namespace

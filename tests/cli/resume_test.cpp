@@ -1,0 +1,129 @@
+// A sender that is killed while it streams to a machine in another process, and what `lightmill resume` makes of it.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "design/core/text.h"
+#include "machine/stock_model.h"
+#include "tests/cli/command_rig.h"
+
+namespace lightmill::test {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+
+/// The simulated machine of a run folder's job, until it is ended.
+class MachineProcess {
+ public:
+  MachineProcess(const fs::path& run, const fs::path& out) : out_(out) {
+    fs::create_directories(out);
+    const json blank = json::parse(slurp(run / "report.json"))["cam"]["blank"];
+    const auto side = [&](int i) { return compact(blank["size_mm"][static_cast<std::size_t>(i)].get<double>(), 9); };
+    process_ =
+        start_lightmill({"machine", "--pty", port(),
+                         "--blank=" + side(0) + "x" + side(1) + "x" + compact(blank["height_mm"].get<double>(), 9),
+                         "--origin=7,-4,-420", "--pitch-um", "40", "--time-factor", "150", "--pace-baud", "2000000",
+                         "--out", out.string()},
+                        out / "log");
+    for (int i = 0; i < 500 && !fs::exists(port()); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  ~MachineProcess() {
+    if (process_ > 0) {
+      kill(process_, SIGKILL);
+      wait_for(process_);
+    }
+  }
+  [[nodiscard]] std::string port() const { return (out_ / "port").string(); }
+  int end() {
+    kill(process_, SIGTERM);
+    const int code = wait_for(process_);
+    process_ = -1;
+    return code;
+  }
+
+ private:
+  fs::path out_;
+  pid_t process_ = -1;
+};
+
+std::size_t journals(const fs::path& run) {
+  std::size_t count = 0;
+  for (const auto& entry : fs::directory_iterator(run / "stream"))
+    count += entry.path().extension() == ".journal" ? 1 : 0;
+  return count;
+}
+
+/// Streams, and is killed once the journal numbered `number` has `bytes`.
+void kill_in(const std::vector<std::string>& arguments, const fs::path& run, const std::string& number,
+             std::size_t bytes) {
+  const pid_t sender = start_lightmill(arguments, run / "sender.log");
+  bool there = false;
+  for (int i = 0; i < 4000 && !there; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(3));
+    std::error_code error;
+    for (const auto& entry : fs::directory_iterator(run / "stream", error)) {
+      there =
+          there || (entry.path().filename().string().starts_with(number) && fs::file_size(entry.path(), error) > bytes);
+    }
+  }
+  kill(sender, SIGKILL);
+  EXPECT_EQ(wait_for(sender), 128 + SIGKILL) << "it was through before it could be killed\n"
+                                             << slurp(run / "sender.log");
+  EXPECT_TRUE(there) << slurp(run / "sender.log");
+}
+
+TEST(Resume, TheSurfaceIsThatOfAnUndisturbedRun) {
+  const ScratchFolder scratch;
+  const fs::path run = scratch / "run";
+  ASSERT_EQ(lightmill_command({"make", tiny_job(scratch).string(), "-o", run.string(), "-q"}).code, 0);
+  MachineProcess machine(run, scratch / "machine");
+
+  // Killed in the second program; the machine goes on with what it holds.
+  kill_in({"stream", run.string(), "--port", machine.port(), "--confirm-all"}, run, "000002", 2000);
+  const CommandResult shown = lightmill_command({"resume", run.string()});
+  EXPECT_EQ(shown.code, 0) << shown.err;
+  for (const char* said : {"20_semi_finish.nc", "the sender died", "surely cut", "gone over again", "G43.1 Z85",
+                           "no fault", "nothing was sent"}) {
+    EXPECT_THAT(shown.out, HasSubstr(said));
+  }
+  EXPECT_THAT(slurp(run / "stream/20_semi_finish_resume.nc"), HasSubstr("RESTART"));
+  EXPECT_THAT(slurp(run / "stream/20_semi_finish_resume.svg"), HasSubstr("</svg>"));
+  EXPECT_EQ(journals(run), 2U) << "showing sends nothing";
+
+  // Nobody at the terminal confirms; then the restart itself is killed; then it goes through.
+  const CommandResult unconfirmed = lightmill_command({"resume", run.string(), "--port", machine.port()});
+  EXPECT_EQ(unconfirmed.code, 2);
+  EXPECT_THAT(unconfirmed.err, HasSubstr("not confirmed"));
+  kill_in({"resume", run.string(), "--port", machine.port(), "--confirm-all", "--yes", "--overlap", "1"}, run, "000004",
+          1500);
+  const CommandResult resumed =
+      lightmill_command({"resume", run.string(), "--port", machine.port(), "--confirm-all", "--yes"});
+  EXPECT_EQ(resumed.code, 0) << resumed.err;
+  EXPECT_THAT(resumed.out, HasSubstr("30_finish.nc"));
+  EXPECT_EQ(machine.end(), 0);
+
+  const json result = json::parse(slurp(scratch / "machine/result.json"));
+  EXPECT_TRUE(result["faults"].empty()) << result["faults"];
+  const MachinedSurface milled = read_machined(scratch / "machine/machined.tif");
+  const MachinedSurface undisturbed = read_machined(run / "dry_run/machined.tif");
+  ASSERT_EQ(milled.heights_mm.values.size(), undisturbed.heights_mm.values.size());
+  double worst_mm = 0;
+  for (std::size_t i = 0; i < milled.heights_mm.values.size(); ++i) {
+    worst_mm = std::max(worst_mm, std::abs(double(milled.heights_mm.values[i]) - undisturbed.heights_mm.values[i]));
+  }
+  EXPECT_LT(1000 * worst_mm, 0.05) << "the cusps are 4 um high";
+
+  EXPECT_THAT(slurp(run / "streams.jsonl"), HasSubstr("20_semi_finish"));
+  const CommandResult nothing = lightmill_command({"resume", run.string(), "--port", machine.port()});
+  EXPECT_EQ(nothing.code, 2) << "everything is milled";
+  EXPECT_THAT(nothing.err, HasSubstr("no stream"));
+  EXPECT_EQ(lightmill_command({"resume", run.string(), "-q"}).code, 0) << "stages that are done stay";
+}
+
+}  // namespace
+}  // namespace lightmill::test
