@@ -22,8 +22,6 @@ namespace lightmill {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
 constexpr std::string_view kTitle = "lightmill journal 1";
 constexpr std::size_t kLongestText = 400;
 constexpr std::size_t kKeptNotes = 20;
@@ -51,8 +49,8 @@ struct Journal::Impl {
   JournalOptions options;
   int file = -1;
   LineDigest digest;
-  Clock::time_point start = Clock::now();
-  Clock::time_point last_acknowledged{}, last_report{};
+  ClockTime start{0};
+  ClockTime last_acknowledged{0}, last_report{0};
   long announced = 0, counted = 0, recorded = 0;
   long counted_audited = 0, recorded_audited = 0;
   std::string state;           ///< of the last report recorded
@@ -72,6 +70,8 @@ struct Journal::Impl {
     throw JournalError("the journal " + path.string() + " cannot be written (" + std::strerror(error) +
                        "); free some space, then: lightmill resume");
   }
+
+  [[nodiscard]] ClockTime now() const { return (options.clock != nullptr ? *options.clock : wall_clock()).now(); }
 
   void sync_now() {
     if (::fdatasync(file) != 0) fail(errno);
@@ -93,7 +93,7 @@ struct Journal::Impl {
   void append(std::string_view kind, std::string_view text) {
     if (broken) fail(EIO);
     if (const int error = sync_error) fail(error);
-    std::string record = fixed(std::chrono::duration<double>(Clock::now() - start).count(), 3);
+    std::string record = fixed(std::chrono::duration<double>(now() - start).count(), 3);
     record += ' ';
     record += kind;
     record += ' ';
@@ -118,7 +118,7 @@ struct Journal::Impl {
   void catch_up() {
     if (counted == recorded) return;
     recorded = counted;
-    last_acknowledged = Clock::now();
+    last_acknowledged = now();
     append("acknowledged", std::to_string(counted));
     if (counted_audited == recorded_audited) return;
     recorded_audited = counted_audited;
@@ -137,6 +137,9 @@ Journal::Journal(const std::filesystem::path& path, const JournalHeader& header,
     : impl_(std::make_unique<Impl>()) {
   impl_->path = path;
   impl_->options = options;
+  impl_->start = impl_->now();
+  // The first of each is never too early.
+  impl_->last_acknowledged = impl_->last_report = impl_->start - options.record_every;
   std::error_code error;
   std::filesystem::create_directories(path.parent_path(), error);
   impl_->file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
@@ -189,7 +192,7 @@ void Journal::sending(long lines) {
 
 void Journal::acknowledged(long lines) {
   impl_->counted = lines;
-  if (Clock::now() - impl_->last_acknowledged >= impl_->options.record_every) impl_->catch_up();
+  if (impl_->now() - impl_->last_acknowledged >= impl_->options.record_every) impl_->catch_up();
 }
 
 void Journal::audited(long lines) {
@@ -198,7 +201,7 @@ void Journal::audited(long lines) {
 
 void Journal::reported(std::string_view status) {
   const std::string state(status.substr(0, status.find_first_of("|:>")));
-  const auto now = Clock::now();
+  const ClockTime now = impl_->now();
   if (state == impl_->state && now - impl_->last_report < impl_->options.record_every) {
     impl_->waiting_report = status;
     impl_->counted_at_waiting_report = impl_->counted;

@@ -11,6 +11,7 @@
 #include <string_view>
 
 #include "design/core/errors.h"
+#include "machine/clock.h"
 
 namespace lightmill {
 
@@ -43,6 +44,7 @@ struct JournalOptions {
   std::chrono::milliseconds record_every{100};
   /// Sent lines are announced so many at a time, before they go out.
   long announce_lines = 64;
+  const Clock* clock = nullptr;  ///< of the records; null: the wall's
 };
 
 /// Appends. One line of text a record, closed by a digest of all records so far. Grows with time and lines, about 1 kB

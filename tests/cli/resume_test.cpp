@@ -99,8 +99,8 @@ TEST(Resume, TheSurfaceIsThatOfAnUndisturbedRun) {
   const CommandResult unconfirmed = lightmill_command({"resume", run.string(), "--port", machine.port()});
   EXPECT_EQ(unconfirmed.code, 2);
   EXPECT_THAT(unconfirmed.err, HasSubstr("not confirmed"));
-  kill_in({"resume", run.string(), "--port", machine.port(), "--confirm-all", "--yes", "--overlap", "1"}, run, "000004",
-          1500);
+  kill_in({"resume", run.string(), "--port", machine.port(), "--confirm-all", "--yes", "--overlap", "1"}, run, "000003",
+          1400);
   const CommandResult resumed =
       lightmill_command({"resume", run.string(), "--port", machine.port(), "--confirm-all", "--yes"});
   EXPECT_EQ(resumed.code, 0) << resumed.err;

@@ -17,6 +17,7 @@
 #include "machine/streamer.h"
 #include "postproc/program.h"
 #include "tests/machine/machine_rig.h"
+#include "tests/machine/resume_matrix.h"
 #include "tests/postproc/support.h"
 
 namespace lightmill {
@@ -24,42 +25,11 @@ namespace {
 
 constexpr double kCoarse_mm = 0.25;  // pitch of the stock
 
-struct Shop {
-  MachineModel machine = test::hostile_machine();
-  OperatorSetup setup;
-};
-
-/// The flutes reach out of the cut, as where a rougher has been before: backing out along the axis cuts nothing.
-ToolPath with_long_flutes(ToolPath path) {
-  path.cutter.flute_length_mm = 20;
-  return path;
-}
-
-Shop shop_on(const MachineModel& machine, const WorkSetup& work) {
-  Shop shop;
-  shop.machine = machine;
-  shop.setup.cutters = {with_long_flutes(test::empty_path(0)).cutter};
-  shop.setup.blank.size_mm = {36, 36};
-  shop.setup.blank.height_mm = 15;
-  shop.setup.workpiece_origin_mm = work.origin_mm;
-  shop.setup.work_offset = work.work_offset;
-  return shop;
-}
-
-struct Written {
-  Shop shop;
-  std::string text;
-};
-
-Written written(const ToolPath& given, MachineModel machine = test::hostile_machine(), double arcs_mm = 0) {
-  machine.controller = "grblhal";
-  machine.has_tcp = false;
-  const ToolPath path = with_long_flutes(given);
-  const WorkSetup work = work_on_table(machine, {23, -17, 30}, 55);
-  ProgramOptions options;
-  options.arc_tolerance_mm = arcs_mm;
-  return {shop_on(machine, work), write_program(machine, work, plan_motion(machine, work, path), options).text};
-}
+using test::Shop;
+using test::with_long_flutes;
+using test::worst_um;
+using test::Written;
+using test::written;
 
 Written fixed_axis() {
   return written(test::fixed_rows(25 * test::kDeg, 70 * test::kDeg, 3, 20));
@@ -275,15 +245,6 @@ MachinedSurface milled(const Shop& shop, const std::string& text) {
   return machine.machined();
 }
 
-double worst_um(const MachinedSurface& a, const MachinedSurface& b) {
-  double worst = 0;
-  for (std::size_t i = 0; i < a.heights_mm.values.size(); ++i) {
-    worst = std::max(worst, 1000.0 * std::abs(a.heights_mm.values[i] - b.heights_mm.values[i]));
-    worst = std::max(worst, 1000.0 * std::abs(a.peaks_mm.values[i] - b.peaks_mm.values[i]));
-  }
-  return worst;
-}
-
 // Lines that were cut, a reset, the restart: the surface is that of the undisturbed program.
 TEST(Restart, LeavesNoMark) {
   for (const Written& w : {fixed_axis(), five_axis()}) {
@@ -476,72 +437,14 @@ TEST(FindPlace, OfARestartOfARestart) {
   }
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
-
-void unlock(Connection& connection) {
-  std::array<char, 4096> buffer;
-  for (const char* bytes : {"\x18", "$X\n"}) {
-    connection.write_some(std::string_view(bytes), std::chrono::milliseconds(100));
-    while (connection.read_some(buffer, std::chrono::milliseconds(150)) > 0) {
-    }
+// At every kind of end: the place from the journal is true, and the surface that of the undisturbed program.
+TEST(ResumeMatrix, EveryFaultAtAFewPlaces) {
+  const test::ResumeCase program = test::resume_case();
+  for (const test::ResumeFault& fault : test::resume_faults()) {
+    const test::ResumeRow row = test::resume_row(program, fault, 2, 4711);
+    for (const std::string& broken : row.broken) ADD_FAILURE() << broken;
+    EXPECT_GE(row.resumed + row.went_on, row.places) << fault.name;
   }
-}
-
-// A paced machine whose planner holds what is acknowledged but not milled; what it holds is lost when the controller
-// restarts. Stream, fault, place from the journal, restart, stream: the surface of the undisturbed program.
-TEST(Restart, AfterAFaultOfTheController) {
-  const Written w = five_axis();
-  const MachinedSurface undisturbed = milled(w.shop, w.text);
-  const auto lines = static_cast<long>(program_lines(w.text).size());
-  std::string pattern = (std::filesystem::temp_directory_path() / "lightmill_restart_XXXXXX").string();
-  ASSERT_NE(mkdtemp(pattern.data()), nullptr);
-  const std::filesystem::path folder = pattern;
-  for (const std::string fault : {"reset", "alarm", "error", "stop"}) {
-    SCOPED_TRACE(fault);
-    SimulationOptions options;
-    options.stock = coarse();
-    options.time_factor = 200;
-    const long at = lines / 2;
-    if (fault == "reset") options.planted.reset_at_line = at;
-    if (fault == "alarm") options.planted.alarm_at_line = at;
-    if (fault == "error") options.planted.error_at_line = at;
-    test::MachineRig rig(options, w.shop.machine, w.shop.setup);
-    rig.serve_in_thread();
-    const auto connection = rig.connect();
-    StreamOptions stream;
-    stream.on_operator = [](const std::string&) { return true; };
-    Monitor monitor;
-    if (fault == "stop")
-      monitor.on_progress = [](std::string_view, double fraction) {
-        if (fraction > 0.5) throw Stopped();
-      };
-
-    JournalHeader header;
-    header.program_digest = program_digest(w.text);
-    header.lines = lines;
-    header.planner_blocks = w.shop.machine.planner_blocks;
-    StreamResult result;
-    {
-      Journal journal(folder / fault, header);
-      stream.journal = &journal;
-      result = stream_program(*connection, w.text, stream, monitor);
-      // The sender dies without a last word.
-    }
-    ASSERT_FALSE(result.done());
-    ASSERT_GT(result.lines_acknowledged, lines / 4);
-    unlock(*connection);
-
-    const StreamPlace place = find_place(w.shop.machine, w.shop.setup, w.text, read_journal(folder / fault));
-    ASSERT_GT(place.uncut_line, 0);
-    const Restart restart = write_restart(w.shop.machine, w.shop.setup, w.text, place.uncut_line);
-    EXPECT_GT(restart.entry_lines, 0);
-    stream.journal = nullptr;
-    const StreamResult rest = stream_program(*connection, restart.text, stream);
-    EXPECT_TRUE(rest.done()) << rest.message;
-    rig.stop();
-    EXPECT_LT(worst_um(undisturbed, rig.machine.machined()), 0.05);
-  }
-  std::filesystem::remove_all(folder);
 }
 
 }  // namespace
