@@ -1,5 +1,5 @@
-// A hundred places for every way in which a stream can end early: is the place found true, and what does the resume leave?
-// Writes the table of machine/README.md.
+// A hundred places for every way in which a stream can end early: is the place found true, and what does the resume
+// leave? Writes the table of machine/README.md.
 #include <cstdio>
 #include <cstdlib>
 
