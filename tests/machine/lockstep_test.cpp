@@ -164,14 +164,15 @@ TEST(Starvation, ASlowWireIsCountedAndPlaced) {
 
 TEST(Starvation, OnePauseOfTheWireIsOneMark) {
   test::Lockstep rig(in_time(), {.baud = 115200, .faults = {{.kind = LineFault::Kind::kLateOk, .to_machine = false, .at = 300, .seconds = 2}}});
-  const StreamResult result = stream_program(rig.link, slope(1500, 1200, 0.1));
+  const std::string program = slope(1500, 1200, 0.1);
+  const StreamResult result = stream_program(rig.link, program);
   EXPECT_TRUE(result.done()) << result.message;
   const SimulationResult machine = rig.machine.result();
   ASSERT_EQ(machine.starvations, 1);
   const Starvation& mark = machine.worst_starvations.front();
   // The lines under way and those in the planner were still milled; the tip is where that line ends.
   EXPECT_GT(mark.line, 300);
-  const auto lines = program_lines(slope(1500, 1200, 0.1));
+  const auto lines = program_lines(program);  // views of it
   EXPECT_THAT(std::string(lines[static_cast<std::size_t>(mark.line - 1)].text),
               HasSubstr("X" + fixed(mark.place_mm.x() + 0.0, 4) + "Y"));
   EXPECT_GT(mark.seconds, 0.5);
