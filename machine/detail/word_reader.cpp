@@ -251,7 +251,6 @@ int WordReader::g_group(int tenths) const {
     case 921:
     case 922:
     case 923:
-      return fanuc_ ? -1 : 0;
     case 281:
     case 301:
     case 520:

@@ -2,15 +2,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdlib>
-#include <filesystem>
 
-#include "design/core/files.h"
 #include "design/core/text.h"
 #include "machine/detail/interpreter.h"
 #include "machine/kinematics.h"
 #include "machine/program_reader.h"
 #include "postproc/program_check.h"
+#include "tests/machine/readme_table.h"
 #include "tests/postproc/programs.h"
 #include "tests/postproc/rs274.h"
 
@@ -104,17 +102,7 @@ TEST(DialectTable, TheReadmeSaysWhatWasFound) {
     }
   }
   table += kEnd;
-  const std::filesystem::path path = std::filesystem::path(LIGHTMILL_SOURCE_DIR) / "README.md";
-  std::string readme = read_whole(path);
-  const std::size_t begin = readme.find(kBegin), close = readme.find(kEnd);
-  ASSERT_TRUE(begin != std::string::npos && close != std::string::npos);
-  const std::size_t length = close + std::string(kEnd).size() - begin;
-  const std::string stands = readme.substr(begin, length);
-  if (std::getenv("LIGHTMILL_WRITE_README") != nullptr) {
-    readme.replace(begin, length, table);
-    write_whole(path, readme);
-  }
-  EXPECT_EQ(stands, table) << "write it anew with LIGHTMILL_WRITE_README=1, and look at the difference";
+  test::expect_in_readme("README.md", kBegin, kEnd, table);
 }
 
 }  // namespace

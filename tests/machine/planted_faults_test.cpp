@@ -8,10 +8,10 @@
 #include <functional>
 #include <set>
 
-#include "design/core/files.h"
 #include "design/core/text.h"
 #include "machine/program_run.h"
 #include "postproc/program.h"
+#include "tests/machine/readme_table.h"
 #include "tests/postproc/support.h"
 
 namespace lightmill {
@@ -344,17 +344,7 @@ TEST(PlantedInPrograms, AreCaughtOrListedWithTheReason) {
   const std::string table = std::string(kBegin) + std::to_string(caught_count) + " of " + std::to_string(all.size()) +
                             " are caught, by:\n\n| planted | the dry run's faults |\n|---|---|\n" + caught +
                             "\nThe others are not, because:\n\n| planted | why not |\n|---|---|\n" + uncaught + kEnd;
-  const std::filesystem::path path = std::filesystem::path(LIGHTMILL_SOURCE_DIR) / "machine/README.md";
-  std::string readme = read_whole(path);
-  const std::size_t begin = readme.find(kBegin), close = readme.find(kEnd);
-  ASSERT_TRUE(begin != std::string::npos && close != std::string::npos);
-  const std::size_t length = close + std::string(kEnd).size() - begin;
-  const std::string stands = readme.substr(begin, length);
-  if (std::getenv("LIGHTMILL_WRITE_README") != nullptr) {
-    readme.replace(begin, length, table);
-    write_whole(path, readme);
-  }
-  EXPECT_EQ(stands, table) << "write it anew with LIGHTMILL_WRITE_README=1, and look at the difference";
+  test::expect_in_readme("machine/README.md", kBegin, kEnd, table);
 }
 
 }  // namespace
