@@ -7,6 +7,7 @@
 #include "cli/errors_file.h"
 #include "cli/machined_light.h"
 #include "cli/plot.h"
+#include "cli/simulation.h"
 #include "cli/spline_file.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
@@ -17,7 +18,6 @@
 #include "machine/kinematics.h"
 #include "machine/program_run.h"
 #include "machine/simulated_machine.h"
-#include "postproc/kinematics.h"
 
 namespace lightmill {
 
@@ -33,7 +33,7 @@ constexpr double kSemiFinished_mm = 0.05;
 class Shop {
  public:
   Shop(const Job& job, const RunFolder& folder, double pitch_um)
-      : job_(job), design_(read_spline(folder.needed("cam/spline.bin", "cam"))), blank_(blank_of(folder)), light_(job, design_, blank_) {
+      : design_(read_spline(folder.needed("cam/spline.bin", "cam"))), blank_(shop_of(job, folder).blank), light_(job, design_, blank_) {
     stock_.pitch_mm = pitch_um / 1000;
   }
   [[nodiscard]] const SplineSurface& design() const { return design_; }
@@ -52,14 +52,6 @@ class Shop {
   }
 
  private:
-  static Blank blank_of(const RunFolder& folder) {
-    const json cam = folder.report().at("cam");
-    Blank blank;
-    blank.size_mm = Vec2(cam["blank"]["size_mm"][0].get<double>(), cam["blank"]["size_mm"][1].get<double>());
-    blank.height_mm = cam["blank"]["height_mm"];
-    return blank;
-  }
-  const Job& job_;
   SplineSurface design_;
   Blank blank_;
   MachinedLight light_;
@@ -213,7 +205,7 @@ RunOut as_a_ball(const Cutter& cutter, MachineErrors errors, double lean_rad) {
 }
 
 struct Milled {
-  double raw = 0, polished = 0, form_um = 0, gouge_um = 0;
+  double raw = 0, polished = 0, form_um = 0;
 };
 
 Milled measure(const Job& job, const Shop& shop, const MachinedSurface& surface) {
@@ -302,11 +294,9 @@ void study_errors(const Job& job, const RunFolder& folder, const StudyOptions& o
   const Shop shop(job, folder, options.pitch_um);
   MachineModel machine = read_machine(job.machine.file);
   machine.controller = job.controller.dialect;
-  OperatorSetup setup;
-  setup.cutters = {job.rough.cutter, job.semi_finish.cutter, job.finish.cutter};
-  setup.blank = shop.blank();
-  setup.work_offset = job.machine.work_offset;
-  setup.workpiece_origin_mm = work_on_table(machine, job.machine.workpiece_origin_mm, job.machine.work_offset).origin_mm;
+  SimulatedShop floor = shop_of(job, folder);
+  floor.errors = {};
+  const OperatorSetup setup = setup_of(floor, machine);
   const std::vector<Motion> motions = finishing_motions(job, folder, machine, setup, monitor.part(0, 0.05));
   if (motions.empty()) throw InputError("the finishing program in " + folder.root().string() + " moves nothing; write it again with: lightmill post");
 
