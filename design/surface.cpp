@@ -16,6 +16,7 @@
 #include "design/detail/creases.h"
 #include "design/detail/fresnel.h"
 #include "design/detail/height_field.h"
+#include "design/detail/height_settling.h"
 #include "design/detail/hollow_limit.h"
 #include "design/detail/map_interpolation.h"
 #include "design/detail/near_border.h"
@@ -32,6 +33,7 @@ using detail::CompoundEnergy;
 using detail::Creases;
 using detail::Freedom;
 using detail::HeightIntegrator;
+using detail::HeightSettling;
 using detail::OneRing;
 using detail::VertexLight;
 
@@ -523,7 +525,7 @@ void set_targets(CompoundEnergy& energy, const std::vector<Vec3>& positions, con
 /// Targets are corrected by what the surface paints, and heights follow, as long as that brings the picture closer.
 void close_picture_loop(const TargetLight& picture, const SurfaceOptions& options, const Lens& lens, const Receiver& receiver,
                         const detail::LitBase& base, const Aim& aim, const HeightIntegrator& integrator, CompoundEnergy& energy,
-                        OpticalSurface& surface, const Monitor& monitor) {
+                        HeightSettling& settling, OpticalSurface& surface, const Monitor& monitor) {
   constexpr int kLeastPixels = 256;         // as the measures
   constexpr double kVerticesPerPixel = 2.5;
   constexpr double kLeastGain = 0.01;       // of the error, for which a further turn is made
@@ -574,8 +576,7 @@ void close_picture_loop(const TargetLight& picture, const SurfaceOptions& option
     const std::vector<Vec2> moves = loop.moves(errors, ends);
     for (std::size_t v = 0; v < count; ++v) surface.targets_mm[v] += share * moves[v];
     set_targets(energy, positions, aim, surface.targets_mm, integrator, lens, receiver, options);
-    detail::settle_heights(energy, integrator, kRoughTolerance, positions,
-                           monitor.part(static_cast<double>(turn) / turns, (turn + 1.0) / turns));
+    settling.settle(kRoughTolerance, positions, monitor.part(static_cast<double>(turn) / turns, (turn + 1.0) / turns));
     put_on_floor(positions, lens.thickness_mm);
     std::vector<Vec2> ends_now = landed();
     detail::PictureLoop::Errors errors_now = loop.errors(ends_now);
@@ -668,6 +669,7 @@ OpticalSurface solve(const Lens& lens, const Light& light, const Receiver& recei
   energy.edge_mm = edge_sum / static_cast<double>(integrator->edges().size());
   energy.slope_scale = lens.size_mm.maxCoeff() / ((lens.refractive_index - 1) * receiver.distance_mm);
   energy.floor_mm = lens.thickness_mm;
+  HeightSettling settling(energy);
   double lens_area = 0;
   for (const auto& t : surface.mesh.triangles) lens_area += signed_area(positions, t);
   constexpr double kThinnest = 1e-3;  // of the mean triangle's area: thinner ones have no normal worth its name
@@ -680,7 +682,7 @@ OpticalSurface solve(const Lens& lens, const Light& light, const Receiver& recei
         monitor.part(0.1 + 0.9 * turn / options.outer_iterations, 0.1 + 0.9 * (turn + 1) / options.outer_iterations);
     const bool last = turn + 1 == options.outer_iterations;
     if (last && picture != nullptr && options.picture_turns > 0) {
-      close_picture_loop(*picture, options, lens, receiver, base, aim, *integrator, energy, surface,
+      close_picture_loop(*picture, options, lens, receiver, base, aim, *integrator, energy, settling, surface,
                          part.part(0, 0.7));
     }
     set_targets(energy, positions, aim, surface.targets_mm, *integrator, lens, receiver, options);
@@ -706,7 +708,7 @@ OpticalSurface solve(const Lens& lens, const Light& light, const Receiver& recei
                              : turn == 0 && may_crease ? kNearlyAtRest
                              : sliding > 0             ? kRoughTolerance
                                                        : options.height_tolerance_mm / 2;
-    if (!everywhere) report = detail::settle_heights(energy, *integrator, tolerance, positions, part.part(0.7, 1));
+    if (!everywhere) report = settling.settle(tolerance, positions, part.part(0.7, 1));
     put_on_floor(positions, lens.thickness_mm);
     summary.energy_history.push_back(report.final_energy);
     ++summary.outer_iterations;

@@ -23,7 +23,7 @@ struct SurfaceWeights {
   double smoothness = 1e-5;
 };
 
-/// kCreases: heights everywhere by conjugate gradients, all three coordinates in Ceres near creases.
+/// kCreases: heights everywhere by themselves, all three coordinates in Ceres near creases.
 /// kEverywhere: the paper's own, all three coordinates of all vertices in Ceres at once; many times slower.
 /// kHeightField: no creases, for comparison: a regular height field, one unknown per vertex.
 enum class SurfaceSolver { kCreases, kEverywhere, kHeightField };

@@ -9,7 +9,6 @@
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
-#include "design/detail/height_field.h"
 #include "design/detail/one_blas_thread.h"
 
 namespace lightmill::detail {
@@ -36,6 +35,14 @@ bool has_say(std::uint32_t crossed, int triangle_count, int k) {
   const std::uint32_t all = triangle_count >= 32 ? ~std::uint32_t{0} : (std::uint32_t{1} << triangle_count) - 1;
   return (crossed & all) == all || (crossed >> (k % 32) & 1) == 0;
 }
+
+EnergyScales::EnergyScales(const CompoundEnergy& energy)
+    : integration(std::sqrt(energy.weights.integration) / energy.slope_scale),
+      direction(std::sqrt(energy.weights.direction) / energy.edge_mm),
+      flux(std::sqrt(energy.weights.flux)),
+      smoothness(std::sqrt(energy.weights.smoothness) / energy.edge_mm),
+      height_smoothness(std::sqrt(kHeightSmoothness) * smoothness),
+      barrier(std::sqrt(energy.weights.barrier)) {}
 
 Vec3 ring_normal(const Vec3& centre, const std::vector<Vec3>& ring, bool closed, std::uint32_t crossed,
                  std::vector<Eigen::Matrix3d>* jacobians) {
@@ -293,35 +300,17 @@ class StopCallback : public ceres::IterationCallback {
   int iterations_;
 };
 
-/// Factors on the residuals that make every term dimensionless.
-struct Scales {
-  double integration, direction, flux, smoothness, height_smoothness, barrier;
-  explicit Scales(const CompoundEnergy& energy)
-      : integration(std::sqrt(energy.weights.integration) / energy.slope_scale),
-        direction(std::sqrt(energy.weights.direction) / energy.edge_mm),
-        flux(std::sqrt(energy.weights.flux)),
-        smoothness(std::sqrt(energy.weights.smoothness) / energy.edge_mm),
-        height_smoothness(std::sqrt(kHeightSmoothness) * smoothness),
-        barrier(std::sqrt(energy.weights.barrier)) {}
-};
-
-/// The mean slope that is wanted over the edge from v to n.
-Vec2 mean_slope(const CompoundEnergy& energy, int v, int n) {
-  const double share = energy.creases.crossed[v] == 0 ? 0.5 : energy.creases.share(v, n);
-  return share * energy.target_slopes[v] + (1 - share) * energy.target_slopes[n];
-}
-
 /// The mean slopes over a vertex's edges that the wanted slopes ask for, in ring order.
 std::vector<Vec2> mean_slopes(const CompoundEnergy& energy, int v) {
   std::vector<Vec2> slopes;
-  for (int n : energy.rings[v].neighbours) slopes.push_back(mean_slope(energy, v, n));
+  for (int n : energy.rings[v].neighbours) slopes.push_back(energy.mean_slope(v, n));
   return slopes;
 }
 
 /// Adds the terms that any vertex free to move takes part in.
 void add_terms(const CompoundEnergy& energy, std::vector<Vec3>& positions, ceres::Problem& problem) {
   const int count = static_cast<int>(positions.size());
-  const Scales scales(energy);
+  const EnergyScales scales(energy);
   const auto moves = [&](int v) { return energy.freedom[v] != Freedom::kNone; };
   const auto slides = [&](int v) { return energy.freedom[v] > Freedom::kHeight; };
   std::vector<char> concerned(count, 0);  // itself or a neighbour moves
@@ -451,197 +440,6 @@ double energy_at(const CompoundEnergy& energy, std::vector<Vec3>& positions, std
   gradient.clear();
   for (std::size_t v = 0; v < positions.size(); ++v) gradient.emplace_back(Eigen::Map<const Vec3>(&flat[3 * v]));
   return cost;
-}
-
-namespace {
-
-/// The terms that heights alone can change, linearised: four residuals per vertex, three of its normal and one of
-/// smoothness; each depends on the heights of the vertex and its ring.
-class HeightTerms {
- public:
-  explicit HeightTerms(const CompoundEnergy& energy) : energy_(energy), scales_(energy) {
-    const int count = static_cast<int>(energy.rings.size());
-    first_.assign(1, 0);
-    for (const OneRing& ring : energy.rings)
-      first_.push_back(first_.back() + 1 + static_cast<int>(ring.neighbours.size()));
-    rows_.resize(first_.back());
-    residuals_.resize(count);
-    // Which rows name a vertex: its own, and each of its neighbours'.
-    column_first_.assign(count + 1, 0);
-    const auto each = [&](const auto& visit) {
-      for (int v = 0; v < count; ++v) {
-        visit(v, v, first_[v]);
-        for (std::size_t k = 0; k < energy.rings[v].neighbours.size(); ++k)
-          visit(v, energy.rings[v].neighbours[k], first_[v] + 1 + static_cast<int>(k));
-      }
-    };
-    each([&](int, int column, int) { ++column_first_[column + 1]; });
-    for (int v = 0; v < count; ++v) column_first_[v + 1] += column_first_[v];
-    columns_.resize(first_.back());
-    std::vector<int> next(column_first_.begin(), column_first_.end() - 1);
-    each([&](int row, int column, int slot) { columns_[next[column]++] = {row, slot}; });
-  }
-
-  /// Residuals and, if asked for, their derivatives at these positions; returns half their square.
-  double evaluate(const std::vector<Vec3>& positions, bool derivatives) {
-    const int count = static_cast<int>(positions.size());
-    std::vector<double> sums(blocks(), 0.0);
-    parallel_blocks(count, kBlock, [&](std::size_t begin, std::size_t end) {
-      std::vector<Vec3> around;
-      std::vector<Eigen::Matrix3d> turns;
-      double sum = 0;
-      for (std::size_t v = begin; v < end; ++v) {
-        const OneRing& ring = energy_.rings[v];
-        around.clear();
-        for (int n : ring.neighbours) around.push_back(positions[n]);
-        const Vec3 normal =
-            ring_normal(positions[v], around, ring.closed, energy_.creases.crossed[v], derivatives ? &turns : nullptr);
-        double rise = 0;
-        for (std::size_t k = 0; k < around.size(); ++k) {
-          const Vec3 way = around[k] - positions[v];
-          const Vec2 slope = mean_slope(energy_, static_cast<int>(v), ring.neighbours[k]);
-          rise += way.z() - slope.dot(way.head<2>());
-        }
-        residuals_[v] << scales_.integration * (normal - energy_.target_normals[v]), scales_.height_smoothness * rise;
-        sum += residuals_[v].squaredNorm() / 2;
-        if (!derivatives) continue;
-        for (std::size_t k = 0; k <= around.size(); ++k) {
-          rows_[first_[v] + k] << scales_.integration * turns[k].col(2),
-              scales_.height_smoothness * (k == 0 ? -static_cast<double>(around.size()) : 1.0);
-        }
-      }
-      sums[begin / kBlock] = sum;
-    });
-    double energy = 0;
-    for (double sum : sums) energy += sum;
-    return energy;
-  }
-
-  /// Residuals' derivatives times heights.
-  void forward(const Eigen::VectorXd& heights, std::vector<Eigen::Vector4d>& result) const {
-    result.resize(energy_.rings.size());
-    parallel_blocks(result.size(), kBlock, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t v = begin; v < end; ++v) {
-        Eigen::Vector4d sum = rows_[first_[v]] * heights[static_cast<Eigen::Index>(v)];
-        const auto& neighbours = energy_.rings[v].neighbours;
-        for (std::size_t k = 0; k < neighbours.size(); ++k) sum += rows_[first_[v] + 1 + k] * heights[neighbours[k]];
-        result[v] = sum;
-      }
-    });
-  }
-  /// Their transpose times values per residual.
-  [[nodiscard]] Eigen::VectorXd backward(const std::vector<Eigen::Vector4d>& values) const {
-    Eigen::VectorXd result(static_cast<Eigen::Index>(values.size()));
-    parallel_blocks(values.size(), kBlock, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t v = begin; v < end; ++v) {
-        double sum = 0;
-        for (int c = column_first_[v]; c < column_first_[v + 1]; ++c)
-          sum += rows_[columns_[c].second].dot(values[columns_[c].first]);
-        result[static_cast<Eigen::Index>(v)] = sum;
-      }
-    });
-    return result;
-  }
-  /// The diagonal of the derivatives' square.
-  [[nodiscard]] Eigen::VectorXd diagonal() const {
-    Eigen::VectorXd result(static_cast<Eigen::Index>(residuals_.size()));
-    parallel_blocks(residuals_.size(), kBlock, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t v = begin; v < end; ++v) {
-        double sum = 0;
-        for (int c = column_first_[v]; c < column_first_[v + 1]; ++c) sum += rows_[columns_[c].second].squaredNorm();
-        result[static_cast<Eigen::Index>(v)] = sum;
-      }
-    });
-    return result;
-  }
-  [[nodiscard]] const std::vector<Eigen::Vector4d>& residuals() const { return residuals_; }
-
- private:
-  static constexpr std::size_t kBlock = 4096;
-  [[nodiscard]] std::size_t blocks() const { return (energy_.rings.size() + kBlock - 1) / kBlock; }
-
-  const CompoundEnergy& energy_;
-  Scales scales_;
-  std::vector<int> first_;  // of a vertex's slots in rows_: its own, then its ring's
-  std::vector<Eigen::Vector4d> rows_;
-  std::vector<Eigen::Vector4d> residuals_;
-  std::vector<int> column_first_;             // of a vertex in columns_
-  std::vector<std::pair<int, int>> columns_;  // vertex whose residuals, slot
-};
-
-}  // namespace
-
-MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegrator& integrator, double tolerance_mm,
-                               std::vector<Vec3>& positions, const Monitor& monitor) {
-  constexpr int kSteps = 6;
-  constexpr int kMostInner = 80;
-  constexpr double kStiffness = 2.5;        // of the heights over the Laplacian's: smooth ones have 2/3, creases far more
-  constexpr double kLeastDiagonal = 1e-3;   // of the Laplacian's scale: a vertex without a say stays where it is
-  constexpr double kInnerTolerance = 1e-2;  // of the first residual, in the preconditioner's norm
-  const OneBlasThread one_blas_thread;
-  HeightTerms terms(energy);
-  const double stiffness =
-      energy.weights.integration * kStiffness / std::pow(energy.slope_scale * energy.edge_mm, 2);
-  MinimiserReport report;
-  const auto count = static_cast<Eigen::Index>(positions.size());
-  std::vector<Eigen::Vector4d> image;
-  double now = terms.evaluate(positions, true);
-  report.initial_energy = now;
-  report.message = "steps used up";
-  for (; report.iterations < kSteps; ++report.iterations) {
-    monitor.report("settling the heights", static_cast<double>(report.iterations) / kSteps);
-    // Gauss and Newton's step by conjugate gradients. The mesh's Laplacian has the same spectrum up to a factor, as far as
-    // heights are smooth: both measure slopes. Vertex normals hardly see the heights of single vertices; for these the
-    // diagonal is added (a quarter of the iterations).
-    Eigen::VectorXd heights = Eigen::VectorXd::Zero(count);
-    Eigen::VectorXd rest = -terms.backward(terms.residuals());
-    const Eigen::VectorXd softness = terms.diagonal().cwiseMax(kLeastDiagonal * stiffness).cwiseInverse();
-    const auto precondition = [&](const Eigen::VectorXd& r) -> Eigen::VectorXd {
-      return integrator.solve(r) / stiffness + softness.cwiseProduct(r);
-    };
-    Eigen::VectorXd guided = precondition(rest);
-    Eigen::VectorXd way = guided;
-    double product = rest.dot(guided);
-    const double first = product;
-    for (int inner = 0; inner < kMostInner && product > kInnerTolerance * kInnerTolerance * first; ++inner) {
-      monitor.check();
-      terms.forward(way, image);
-      const Eigen::VectorXd curved = terms.backward(image);
-      const double bend = way.dot(curved);
-      if (!(bend > 0)) break;
-      const double length = product / bend;
-      heights += length * way;
-      rest -= length * curved;
-      guided = precondition(rest);
-      const double next = rest.dot(guided);
-      way = guided + next / product * way;
-      product = next;
-      ++report.inner_iterations;
-    }
-    if (!heights.allFinite()) throw NumericalError("surface: the heights have no finite solution");
-    heights.array() -= heights.mean();  // a shift changes nothing
-    const double change = heights.cwiseAbs().maxCoeff();
-    const std::vector<Vec3> before = positions;
-    const double energy_before = now;
-    for (double share = 1; share > 1e-3; share /= 2) {
-      for (Eigen::Index v = 0; v < count; ++v) positions[v].z() = before[v].z() + share * heights[v];
-      now = terms.evaluate(positions, true);
-      if (now <= energy_before) break;
-    }
-    if (now > energy_before) {
-      positions = before;
-      now = energy_before;
-      report.message = "no step lowers the energy";
-      break;
-    }
-    if (change <= tolerance_mm) {
-      report.message = "at rest";
-      ++report.iterations;
-      break;
-    }
-  }
-  report.final_energy = now;
-  return report;
 }
 
 }  // namespace lightmill::detail

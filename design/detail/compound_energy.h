@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "design/core/monitor.h"
-#include "design/detail/height_field.h"
+#include "design/detail/creases.h"
 #include "design/detail/one_ring.h"
 #include "design/detail/vertex_light.h"
 #include "design/surface.h"
@@ -31,6 +31,18 @@ struct CompoundEnergy {
   double edge_mm = 1;      ///< mean edge of the start mesh: the unit of lengths
   double slope_scale = 1;  ///< the unit of normals: lens size over (n - 1) times distance
   double floor_mm = 0;     ///< z of the plane that the surface stays above
+
+  /// The mean slope that is wanted over the edge from v to n.
+  [[nodiscard]] Vec2 mean_slope(int v, int n) const {
+    const double share = creases.crossed[v] == 0 ? 0.5 : creases.share(v, n);
+    return share * target_slopes[v] + (1 - share) * target_slopes[n];
+  }
+};
+
+/// Factors on the residuals that make every term dimensionless.
+struct EnergyScales {
+  double integration, direction, flux, smoothness, height_smoothness, barrier;
+  explicit EnergyScales(const CompoundEnergy& energy);
 };
 
 struct MinimiserReport {
@@ -46,12 +58,6 @@ struct MinimiserReport {
 /// solution.
 MinimiserReport minimise(const CompoundEnergy& energy, int iterations, double trust_radius,
                          std::vector<Vec3>& positions, const Monitor& monitor);
-
-/// The same energy over the heights of all vertices: Gauss and Newton's steps by conjugate gradients, preconditioned by
-/// the integrator's equations, until no height changes by more than `tolerance_mm`. The barrier is left to whoever puts
-/// the surface on its floor afterwards: nothing else changes with a shift.
-MinimiserReport settle_heights(const CompoundEnergy& energy, const HeightIntegrator& integrator, double tolerance_mm,
-                               std::vector<Vec3>& positions, const Monitor& monitor);
 
 /// The energy and its gradient by every coordinate, for tests. `positions` come back as they were.
 double energy_at(const CompoundEnergy& energy, std::vector<Vec3>& positions, std::vector<Vec3>& gradient);

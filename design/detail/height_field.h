@@ -2,10 +2,11 @@
 #pragma once
 
 #include <array>
-#include <memory>
+#include <optional>
 #include <vector>
 
 #include "design/detail/creases.h"
+#include "design/detail/laplacian.h"
 
 namespace lightmill::detail {
 
@@ -17,26 +18,18 @@ class HeightIntegrator {
  public:
   HeightIntegrator(const std::vector<Vec2>& xy, const std::vector<std::array<int, 3>>& triangles,
                    const Creases& creases = {});
-  ~HeightIntegrator();
-  HeightIntegrator(const HeightIntegrator&) = delete;
-  HeightIntegrator& operator=(const HeightIntegrator&) = delete;
 
   /// Heights of the vertices for `slopes` (dz/dx, dz/dy); the lowest is 0. An edge that a crease crosses has either
   /// side's slope as far as that side reaches. Throws NumericalError when the solver fails.
   [[nodiscard]] std::vector<double> integrate(const std::vector<Vec2>& slopes, const Creases& creases) const;
 
-  /// The edges' equations solved for any right-hand side, the first vertex held: a preconditioner for all that measures
-  /// slopes.
-  [[nodiscard]] Eigen::VectorXd solve(const Eigen::VectorXd& right) const;
-
   [[nodiscard]] const std::vector<std::array<int, 2>>& edges() const { return edges_; }
 
  private:
-  struct Factor;
   std::vector<Vec2> xy_;
   std::vector<std::array<int, 2>> edges_;
   std::vector<double> weights_;
-  std::unique_ptr<Factor> factor_;
+  std::optional<Laplacian> factor_;
 };
 
 }  // namespace lightmill::detail

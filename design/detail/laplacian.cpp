@@ -27,7 +27,7 @@ namespace lightmill::detail {
 
 namespace {
 
-constexpr double kMostFill = 4;     // entries of the factor over n log2 n; near 2.7 on neighbours in the plane
+constexpr double kMostFill = 4;     // entries of the factor over rings^2 n log2 n; near 2.7 on neighbours in the plane
 constexpr int kLeastForTwo = 4096;  // nodes, from which two halves are worth their border
 constexpr double kWidestBorder = 6; // times sqrt(n): a wider one costs more than the second core saves
 
@@ -252,7 +252,7 @@ LowerHalf lower_half(const std::vector<double>& diagonal, const std::vector<Grap
 class HalfFactor {
  public:
   HalfFactor(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges, const std::vector<double>& diagonal,
-             const Halves& halves, int which)
+             const Halves& halves, int which, int rings)
       : inside_(halves.inside[which]) {
     const OneBlasThread here_too;  // OpenMP's levels are each thread's own
     const int n = static_cast<int>(inside_.size());
@@ -271,7 +271,7 @@ class HalfFactor {
     }
 
     // First the half's own order, then the factor with the border behind it.
-    const std::vector<int> order = order_of(places, own);
+    const std::vector<int> order = order_of(places, own, rings);
     renumber(own, order, n);
     std::vector<int> reordered(n);
     for (int k = 0; k < n; ++k) reordered[k] = inside_[order[k]];
@@ -322,7 +322,7 @@ class HalfFactor {
 
  private:
   /// The order in which the nodes are best eliminated; edges lead to the border too.
-  std::vector<int> order_of(const std::vector<Vec2>& places, const std::vector<GraphEdge>& edges) {
+  std::vector<int> order_of(const std::vector<Vec2>& places, const std::vector<GraphEdge>& edges, int rings) {
     const int n = static_cast<int>(places.size());
     std::vector<GraphEdge> within;
     std::copy_if(edges.begin(), edges.end(), std::back_inserter(within),
@@ -335,7 +335,7 @@ class HalfFactor {
     double fill = 0;
     std::vector<int> better = workspace_.ordered(&view, CHOLMOD_NATURAL, fill);
     // Cells drawn out across black have neighbours far away on the source, where no straight cut is short.
-    if (fill > kMostFill * n * std::log2(n + 1.0)) better = workspace_.ordered(&view, CHOLMOD_AMD, fill);
+    if (fill > kMostFill * rings * rings * n * std::log2(n + 1.0)) better = workspace_.ordered(&view, CHOLMOD_AMD, fill);
     for (int& k : better) k = order[k];
     return better;
   }
@@ -396,7 +396,7 @@ struct Laplacian::Factor {
   }
 };
 
-Laplacian::Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges, int hubs)
+Laplacian::Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges, int hubs, int rings)
     : factor_(std::make_unique<Factor>()) {
   const OneBlasThread one_blas_thread;
   const Halves halves = halves_of(nodes, edges, hubs);
@@ -410,7 +410,7 @@ Laplacian::Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge
   parallel_blocks(2, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
       if (!halves.inside[k].empty())
-        factor_->halves[k] = std::make_unique<HalfFactor>(nodes, edges, diagonal, halves, static_cast<int>(k));
+        factor_->halves[k] = std::make_unique<HalfFactor>(nodes, edges, diagonal, halves, static_cast<int>(k), rings);
     }
   });
   // Each half has taken its part from the border's own matrix B; together they leave B1 + B2 - B.
@@ -487,6 +487,13 @@ std::vector<int> connected_components(int nodes, const std::vector<GraphEdge>& e
   }
   for (int i = 0; i < nodes; ++i) root[i] = find(i);
   return root;
+}
+
+void tie_parts(int nodes, double weight, std::vector<GraphEdge>& edges) {
+  const std::vector<int> part = connected_components(nodes, edges);
+  for (int node = 1; node < nodes; ++node) {
+    if (part[node] == node) edges.push_back({0, node, weight});
+  }
 }
 
 }  // namespace lightmill::detail

@@ -15,13 +15,15 @@ struct GraphEdge {
   double weight;
 };
 
-/// Factorised Laplacian (L x)_i = sum_j weight_ij (x_i - x_j) of a graph in the plane; constants are its kernel.
+/// Factorised Laplacian (L x)_i = sum_j weight_ij (x_i - x_j) of a graph in the plane; constants are its kernel. Weights may
+/// be below zero as long as x^T L x is not.
 class Laplacian {
  public:
   /// Factorises. At least two nodes; the places need only be such that edges are short: the order of elimination is a nested
   /// dissection of the plane [George 1973]. Edges may lead to `hubs` more nodes, numbered after the others, which have any
-  /// number of neighbours and are eliminated last. Throws NumericalError if the graph is not connected.
-  Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges, int hubs = 0);
+  /// number of neighbours and are eliminated last. `rings`: how far edges reach, in neighbours of the plane. Throws
+  /// NumericalError if the graph is not connected.
+  Laplacian(const std::vector<Vec2>& nodes, const std::vector<GraphEdge>& edges, int hubs = 0, int rings = 1);
   ~Laplacian();
   Laplacian(Laplacian&&) noexcept;
   Laplacian& operator=(Laplacian&&) noexcept;
@@ -36,5 +38,9 @@ class Laplacian {
 
 /// The connected component of every node, as the smallest node of it.
 std::vector<int> connected_components(int nodes, const std::vector<GraphEdge>& edges);
+
+/// Joins the first nodes of all components, by edges of this weight. It does not matter if what is solved for sums to zero on
+/// each component.
+void tie_parts(int nodes, double weight, std::vector<GraphEdge>& edges);
 
 }  // namespace lightmill::detail

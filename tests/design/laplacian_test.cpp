@@ -1,7 +1,9 @@
 // Graph Laplacians: solutions satisfy their equations, with and without hubs, in one piece and in halves.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
 #include <random>
 
@@ -81,6 +83,46 @@ TEST(Laplacian, ThreadsDoNotChangeABit) {
 TEST(Laplacian, AGraphInTwoPartsIsRefused) {
   const std::vector<Vec2> nodes = {{0, 0}, {1, 0}, {5, 0}, {6, 0}};
   EXPECT_THROW(Laplacian(nodes, {{0, 1, 1.0}, {2, 3, 1.0}}), std::exception);
+}
+
+TEST(Laplacian, TiedPartsAreSolvedEachByItself) {
+  const std::vector<Vec2> nodes = {{0, 0}, {1, 0}, {5, 0}, {6, 0}, {9, 9}};
+  for (const double tie : {1e-3, 1.0, 1e3}) {
+    std::vector<GraphEdge> edges = {{0, 1, 1.0}, {2, 3, 2.0}};
+    tie_parts(5, tie, edges);
+    EXPECT_EQ(edges.size(), 4);
+    const std::vector<double> x = Laplacian(nodes, edges).solve({1, -1, 3, -3, 0});
+    EXPECT_NEAR(x[0] - x[1], 1, 1e-12);
+    EXPECT_NEAR(x[2] - x[3], 1.5, 1e-12);
+    EXPECT_NEAR(x[0], x[2], 1e-12);
+    EXPECT_NEAR(x[0], x[4], 1e-12);
+  }
+}
+
+TEST(Laplacian, TheSquareOfOneIsOneTooWithWeightsBelowZero) {
+  const Graph graph(70, 0);
+  const int n = static_cast<int>(graph.nodes.size());
+  std::vector<std::map<int, double>> rows(n);
+  for (const auto& [a, b, weight] : graph.edges) {
+    rows[a][a] += weight;
+    rows[b][b] += weight;
+    rows[a][b] -= weight;
+    rows[b][a] -= weight;
+  }
+  std::vector<GraphEdge> square;
+  for (int k = 0; k < n; ++k) {
+    for (const auto& [a, x] : rows[k]) {
+      for (const auto& [b, y] : rows[k]) {
+        if (a < b) square.push_back({a, b, -x * y});
+      }
+    }
+  }
+  EXPECT_TRUE(std::any_of(square.begin(), square.end(), [](const GraphEdge& edge) { return edge.weight < 0; }));
+  const Laplacian once(graph.nodes, graph.edges);
+  const std::vector<double> wanted = once.solve(once.solve(graph.rhs));
+  const std::vector<double> x = Laplacian(graph.nodes, square, 0, 2).solve(graph.rhs);
+  const double scale = std::abs(*std::max_element(wanted.begin(), wanted.end()));
+  for (int i = 0; i < n; ++i) ASSERT_NEAR(x[i], wanted[i], 1e-7 * scale) << i;
 }
 
 }  // namespace
