@@ -29,6 +29,43 @@ void CutterCompensation::stop() {
   side_ = 0;
 }
 
+void CutterCompensation::leave() {
+  if (!on()) return;
+  const bool had_entered = entered();
+  stop();
+  if (!had_entered) return;
+  for (std::size_t i = 0; i < 3; ++i) lead_[i] = programmed_[i] - core_.here()[i];
+  arc_refused_ = true;
+}
+
+AxisValues CutterCompensation::place() const {
+  if (on()) return programmed_;
+  AxisValues p = core_.here();
+  for (std::size_t i = 0; i < 3; ++i) p[i] += lead_[i];
+  return p;
+}
+
+void CutterCompensation::straight(const AxisValues& to, bool rapid, const Feed& feed) {
+  arc_refused_ = false;
+  if (on()) {
+    double way = std::hypot(to[0] - programmed_[0], to[1] - programmed_[1], to[2] - programmed_[2]);
+    if (way == 0) way = std::hypot(to[3] - programmed_[3], to[4] - programmed_[4]) / kRadPerDegree;
+    return move({to, rapid, feed.inverse_time ? way * feed.value : feed.value, {}});
+  }
+  lead_ = {};
+  core_.move(to, rapid, rapid ? 0 : feed.inverse_time ? 60 / feed.value : core_.seconds_at(to, feed.value));
+}
+
+void CutterCompensation::arc(const AxisValues& to, int u, int v, double cu, double cv, double turn, const Feed& feed) {
+  if (arc_refused_) reject(1, "the first move after cutter compensation must be straight");
+  const AxisValues from = place();
+  const auto w = static_cast<std::size_t>(3 - u - v);
+  const double length = std::hypot(std::hypot(from[u] - cu, from[v] - cv) * turn, to[w] - from[w]);
+  if (on())
+    return move({to, false, feed.inverse_time ? length * feed.value : feed.value, ContourMove::Arc{cu, cv, turn}});
+  core_.arc(to, u, v, cu, cv, turn, feed.inverse_time ? 60 / feed.value : length * 60 / feed.value);
+}
+
 void CutterCompensation::flush() {
   from_.reset();
   const long line = core_.line;
@@ -62,6 +99,7 @@ void CutterCompensation::flush() {
 }
 
 void CutterCompensation::say(ProgramStep::Kind kind, int number, double value) {
+  if (!on()) return core_.say(kind, number, value);
   Held held;
   held.moves = false;
   held.kind = kind;

@@ -20,7 +20,13 @@ struct ContourMove {
   std::optional<Arc> arc;
 };
 
-/// One move is held back, because a concave corner to the next shortens it; what the program says meanwhile waits
+/// How a move's feed is meant.
+struct Feed {
+  double value = 0;
+  bool inverse_time = false;  ///< per minute of the whole move, else mm (or degrees) per minute
+};
+
+/// All that moves in a program passes here, compensated or not. One move is held back, because a concave corner to the next shortens it; what the program says meanwhile waits
 /// behind it.
 class CutterCompensation {
  public:
@@ -30,6 +36,8 @@ class CutterCompensation {
   void start(int side, double radius_mm, int u, int v, const AxisValues& from);
   /// Lets go what was held back. The machine stands beside programmed() by the radius.
   void stop();
+  /// G40: the next move, which must be straight, leaves from there.
+  void leave();
   [[nodiscard]] bool on() const { return side_ != 0; }
   [[nodiscard]] bool entered() const { return on() && !entering_; }
   [[nodiscard]] int side() const { return side_; }
@@ -39,8 +47,18 @@ class CutterCompensation {
   [[nodiscard]] const AxisValues& programmed() const { return programmed_; }
   [[nodiscard]] const AxisValues& centre() const { return centre_; }
 
-  void move(const ContourMove& move);
-  void say(ProgramStep::Kind kind, int number, double value);
+  /// Where the program means to stand.
+  [[nodiscard]] AxisValues place() const;
+  /// From where the machine stands to there: none but between leave() and the move that follows.
+  [[nodiscard]] const AxisValues& lead() const { return lead_; }
+  void forget_lead() { lead_ = {}; }
+  void allow_arcs() { arc_refused_ = false; }
+
+  /// In program coordinates; an arc as in ReaderCore.
+  void straight(const AxisValues& to, bool rapid, const Feed& feed);
+  void arc(const AxisValues& to, int u, int v, double centre_u, double centre_v, double turn_rad, const Feed& feed);
+  /// Behind the move that is held back.
+  void say(ProgramStep::Kind kind, int number, double value = 0);
   void flush();
 
  private:
@@ -59,6 +77,7 @@ class CutterCompensation {
     int number = 0;
     double value = 0;
   };
+  void move(const ContourMove& move);
   [[nodiscard]] Point in_plane(const AxisValues& p) const { return {p[u_], p[v_]}; }
   void enter(const ContourMove& move, Held next);
   void turn_corner(const ContourMove& move, const Held& next);
@@ -71,7 +90,8 @@ class CutterCompensation {
   double radius_ = 0;
   std::size_t u_ = 0, v_ = 1;
   bool entering_ = false;
-  AxisValues programmed_{}, centre_{};
+  AxisValues programmed_{}, centre_{}, lead_{};
+  bool arc_refused_ = false;  ///< by the move after leave()
   std::optional<Point> from_;  ///< where the move held back begins
   std::vector<Held> held_;
 };

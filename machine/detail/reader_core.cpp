@@ -1,5 +1,7 @@
 #include "machine/detail/reader_core.h"
 
+#include <Eigen/Geometry>
+
 #include "design/core/errors.h"
 
 namespace lightmill {
@@ -11,6 +13,8 @@ constexpr double kChordError_mm = 1e-4;
 constexpr double kTipError_mm = 5e-5;
 constexpr int kMostChords = 100000;
 constexpr int kMostHalvings = 24;
+constexpr double kGreatCircleStep_rad = 0.5 * kRadPerDegree;
+constexpr double kOpposite_rad = 1e-6;
 }  // namespace
 
 bool read_digits(const char*& at, const char* end, double& value, bool* has_point) {
@@ -57,9 +61,13 @@ int ReaderCore::axis_of(char letter) const {
 }
 
 AxisValues ReaderCore::to_joints(const AxisValues& program) {
-  AxisValues q;
-  for (std::size_t i = 0; i < 5; ++i) q[i] = program[i] + offset_[i];
-  if (tcp_) {
+  AxisValues q = program;
+  if (framed_) {
+    const Vec3 p = frame_.turn * Vec3(q[0], q[1], q[2]) + frame_.origin_mm;
+    for (int i = 0; i < 3; ++i) q[static_cast<std::size_t>(i)] = p[i];
+  }
+  for (std::size_t i = 0; i < 5; ++i) q[i] += offset_[i];
+  if (tcp_ || tilted_) {
     const JointPosition j = view_.joints({q[0], q[1], q[2]}, q[3], q[4], length_mm_);
     return {j.x_mm, j.y_mm, j.z_mm, q[3], q[4]};
   }
@@ -67,15 +75,24 @@ AxisValues ReaderCore::to_joints(const AxisValues& program) {
   return q;
 }
 
-void ReaderCore::renew() {
-  if (tcp_) {
-    const Vec3 tip = view_.cutter({joints_[0], joints_[1], joints_[2], joints_[3], joints_[4]}, length_mm_).tip_mm;
-    here_ = {tip.x(), tip.y(), tip.z(), joints_[3], joints_[4]};
-    for (std::size_t i = 0; i < 5; ++i) here_[i] -= offset_[i];
-    return;
+AxisValues ReaderCore::to_program(const AxisValues& joints) {
+  AxisValues p = joints;
+  if (tcp_ || tilted_) {
+    const Vec3 tip = view_.cutter({joints[0], joints[1], joints[2], joints[3], joints[4]}, length_mm_).tip_mm;
+    p = {tip.x(), tip.y(), tip.z(), joints[3], joints[4]};
+  } else {
+    p[2] -= length_mm_;
   }
-  for (std::size_t i = 0; i < 5; ++i) here_[i] = joints_[i] - offset_[i];
-  here_[2] -= length_mm_;
+  for (std::size_t i = 0; i < 5; ++i) p[i] -= offset_[i];
+  if (framed_) {
+    const Vec3 q = frame_.turn.transpose() * (Vec3(p[0], p[1], p[2]) - frame_.origin_mm);
+    for (int i = 0; i < 3; ++i) p[static_cast<std::size_t>(i)] = q[i];
+  }
+  return p;
+}
+
+void ReaderCore::renew() {
+  here_ = to_program(joints_);
 }
 
 void ReaderCore::pass(const AxisValues& to, bool rapid, double seconds, bool whole) {
@@ -124,15 +141,19 @@ void ReaderCore::pass(const AxisValues& to, bool rapid, double seconds, bool who
 }
 
 void ReaderCore::move(const AxisValues& to, bool rapid, double seconds) {
+  if (tilted_ && !tcp_ && (to[3] != here_[3] || to[4] != here_[4])) {
+    if (!std::equal(to.begin(), to.begin() + 3, here_.begin()))
+      reject(1, "in a tilted plane the rotary axes turn by themselves");
+    AxisValues joints = joints_;
+    for (std::size_t i = 3; i < 5; ++i) joints[i] = to[i] + offset_[i];
+    return move_joints(joints, rapid, seconds);
+  }
   pass(to, rapid, seconds, true);
 }
 
 void ReaderCore::move_joints(const AxisValues& to, bool rapid, double seconds) {
   if (tcp_) reject(1, "machine coordinates while tool-centre-point control is on");
-  AxisValues program;
-  for (std::size_t i = 0; i < 5; ++i) program[i] = to[i] - offset_[i];
-  program[2] -= length_mm_;
-  move(program, rapid, seconds);
+  pass(to_program(to), rapid, seconds, true);
 }
 
 void ReaderCore::arc(const AxisValues& to, int u, int v, double cu, double cv, double turn, double seconds) {
@@ -230,6 +251,50 @@ void ReaderCore::set_length(double length_mm) {
 void ReaderCore::set_tcp(bool on) {
   tcp_ = on;
   renew();
+}
+void ReaderCore::set_frame(const WorkFrame& frame, bool on_work) {
+  frame_ = frame;
+  framed_ = !frame.is_identity();
+  tilted_ = on_work;
+  renew();
+}
+
+std::vector<RotaryAngles> ReaderCore::angles_for(const Vec3& direction) {
+  if (!(direction.norm() > 0)) return {};
+  if (!machine.has_rotary()) {
+    const Vec3 axis = frame_.turn * direction.normalized();
+    return (axis - Vec3::UnitZ()).norm() < kSameAngle_rad ? std::vector<RotaryAngles>{{here_[3], here_[4]}}
+                                                          : std::vector<RotaryAngles>{};
+  }
+  std::vector<RotaryAngles> found =
+      detail::angles_for(machine, view_, frame_.turn * direction, {joints_[3], joints_[4]});
+  const auto way = [&](const RotaryAngles& a) {
+    return std::max(std::abs(a.outer_rad - joints_[3]), std::abs(a.inner_rad - joints_[4]));
+  };
+  std::stable_sort(found.begin(), found.end(),
+                   [&](const RotaryAngles& a, const RotaryAngles& b) { return way(a) < way(b); });
+  for (RotaryAngles& angles : found) angles = {angles.outer_rad - offset_[3], angles.inner_rad - offset_[4]};
+  return found;
+}
+
+void ReaderCore::move_on_great_circle(const AxisValues& to, const Vec3& direction, bool rapid, double seconds) {
+  const AxisValues from = here_;
+  const Vec3 axis = view_.cutter({0, 0, 0, joints_[3], joints_[4]}, 0).axis;
+  const Vec3 before = frame_.turn.transpose() * axis, after = direction.normalized();
+  const double turn = std::atan2(before.cross(after).norm(), before.dot(after));
+  if (turn > kPi - kOpposite_rad) reject(1, "a turn of the tool to the opposite side has no plane");
+  const int pieces = std::max(1, static_cast<int>(std::ceil(turn / kGreatCircleStep_rad)));
+  for (int i = 1; i <= pieces; ++i) {
+    const double t = static_cast<double>(i) / pieces;
+    AxisValues p = to;
+    for (std::size_t k = 0; k < 3 && i < pieces; ++k) p[k] = from[k] + t * (to[k] - from[k]);
+    const Vec3 there =
+        turn > 0 ? Vec3((std::sin((1 - t) * turn) * before + std::sin(t * turn) * after) / std::sin(turn)) : after;
+    const RotaryAngles angles = angles_for(there, 1, [](const RotaryAngles&) { return true; });
+    p[3] = angles.outer_rad;
+    p[4] = angles.inner_rad;
+    pass(p, rapid, seconds / pieces, i == pieces);
+  }
 }
 
 double ReaderCore::tool_length(int number, int column) const {

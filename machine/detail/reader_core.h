@@ -6,13 +6,17 @@
 #include <string>
 #include <vector>
 
-#include "machine/kinematics.h"
+#include "machine/detail/work_frame.h"
 #include "machine/program_reader.h"
 
 namespace lightmill::detail {
 
 inline constexpr double kRadPerDegree = kPi / 180;
 inline constexpr double kMmPerInch = 25.4;
+inline constexpr double kSameAngle_rad = 1e-9;
+
+/// The plane's axes in the order of a right-handed turn, and the axis across: G17, G18, G19.
+inline constexpr int kPlanes[3][3] = {{0, 1, 2}, {2, 0, 1}, {1, 2, 0}};
 
 /// Thrown inside a reader; read_program() turns it into a ProgramError.
 struct ReaderError {
@@ -56,9 +60,26 @@ class ReaderCore {
   void set_offset(const AxisValues& offset);
   void set_length(double length_mm);
   void set_tcp(bool on);
+  /// Program coordinates in a frame. `on_work`: the frame is the work's, as the rotary axes have turned it: a tilted plane, in
+  /// which linear moves follow the work and the rotary axes turn alone. Otherwise it is the machine's.
+  void set_frame(const WorkFrame& frame, bool on_work);
+  [[nodiscard]] const WorkFrame& frame() const { return frame_; }
+  [[nodiscard]] bool tilted() const { return tilted_; }
   [[nodiscard]] bool tcp() const { return tcp_; }
   [[nodiscard]] double length_mm() const { return length_mm_; }
   [[nodiscard]] double tool_length(int number, int column) const;
+  /// Rotary words that turn the cutter into a direction of program coordinates; the nearest first, none if there are none.
+  [[nodiscard]] std::vector<RotaryAngles> angles_for(const Vec3& direction);
+  /// The first of them that `wanted` agrees to; refused if there is none.
+  template <typename Wanted>
+  RotaryAngles angles_for(const Vec3& direction, int column, Wanted wanted) {
+    for (const RotaryAngles& angles : angles_for(direction)) {
+      if (wanted(angles)) return angles;
+    }
+    reject(column, "the rotary axes cannot turn the tool into this direction");
+  }
+  /// Straight with the cutter's axis turning evenly, in the plane of both, into a direction of program coordinates.
+  void move_on_great_circle(const AxisValues& to, const Vec3& direction, bool rapid, double seconds);
 
   /// Time of a move at a feed over the linear axes, or over the angles (degrees) if only those move.
   [[nodiscard]] double seconds_at(const AxisValues& to, double feed_per_min) const;
@@ -72,25 +93,26 @@ class ReaderCore {
 
  private:
   [[nodiscard]] AxisValues to_joints(const AxisValues& program);
+  [[nodiscard]] AxisValues to_program(const AxisValues& joints);
   void renew();
   void pass(const AxisValues& to, bool rapid, double seconds, bool whole);
   const std::function<void(const ProgramStep&)>& on_step_;
   WorkpieceView view_;
   AxisValues here_{}, joints_{}, offset_{};
+  WorkFrame frame_;
   double length_mm_ = 0;
-  bool tcp_ = false;
+  bool tcp_ = false, framed_ = false, tilted_ = false;
 };
 
 /// The turn of an arc from angle a0 to a1: coincident ends are a full turn.
 inline double turn_between(double a0, double a1, bool clockwise) {
-  constexpr double kSameAngle = 1e-9;
   double turn = a1 - a0;
   if (clockwise) {
-    while (turn >= -kSameAngle) turn -= 2 * kPi;
-    while (turn < -2 * kPi - kSameAngle) turn += 2 * kPi;
+    while (turn >= -kSameAngle_rad) turn -= 2 * kPi;
+    while (turn < -2 * kPi - kSameAngle_rad) turn += 2 * kPi;
   } else {
-    while (turn <= kSameAngle) turn += 2 * kPi;
-    while (turn > 2 * kPi + kSameAngle) turn -= 2 * kPi;
+    while (turn <= kSameAngle_rad) turn += 2 * kPi;
+    while (turn > 2 * kPi + kSameAngle_rad) turn -= 2 * kPi;
   }
   return turn;
 }

@@ -1,356 +1,434 @@
-// Siemens 840D programs.
-#include "machine/detail/reader_core.h"
+// Siemens 840D: blocks, words and codes.
+#include "machine/detail/siemens_reader.h"
 
 namespace lightmill::detail {
+
 namespace {
 
-class SiemensReader {
- public:
-  SiemensReader(std::string_view text, ReaderCore& core) : core_(core), lines_(split_lines(text)) {
-    core_.set_offset({});  // G500 until an offset is named
-  }
+constexpr std::size_t kLongestBlock = 512;
 
-  ReadResult run() {
-    return run_lines(
-        core_, lines_.size(), ended_, "the file ends without M30, M17 or M2",
-        [this](std::size_t at) {
-          read_block(lines_[at]);
-          return at + 1;
-        },
-        [] {});
-  }
+constexpr Grammar::Operator kOperators[] = {{"==", 0, [](double a, double b) { return double(a == b); }},
+                                            {"<>", 0, [](double a, double b) { return double(a != b); }},
+                                            {">", 0, [](double a, double b) { return double(a > b); }},
+                                            {"<", 0, [](double a, double b) { return double(a < b); }},
+                                            {">=", 0, [](double a, double b) { return double(a >= b); }},
+                                            {"<=", 0, [](double a, double b) { return double(a <= b); }},
+                                            {"OR", 1, [](double a, double b) { return double(a != 0 || b != 0); }},
+                                            {"XOR", 2, [](double a, double b) { return double((a != 0) != (b != 0)); }},
+                                            {"AND", 3, [](double a, double b) { return double(a != 0 && b != 0); }},
+                                            {"+", 4, [](double a, double b) { return a + b; }},
+                                            {"-", 4, [](double a, double b) { return a - b; }},
+                                            {"*", 5, [](double a, double b) { return a * b; }},
+                                            {"/", 5, [](double a, double b) { return a / b; }},
+                                            {"DIV", 5, [](double a, double b) { return std::trunc(a / b); }},
+                                            {"MOD", 5, [](double a, double b) { return std::fmod(a, b); }}};
 
- private:
-  enum class How : std::uint8_t { kModal, kAbsolute, kIncremental, kShortest };
-  struct AxisWord {
-    bool named = false;
-    double value = 0;
-    How how = How::kModal;
-  };
-  struct Words {
-    std::array<AxisWord, 5> axes{};
-    double i = 0, j = 0, k = 0, radius = 0, f = 0, s = 0;
-    bool has_centre = false, has_radius = false, has_f = false, has_s = false;
-    int motion = -1, d = -1, tool = -1, tcp = -1, offset = -1, spindle = -1, coolant = -1, stop = -1;
-    bool suppress = false, dwell = false, change = false;
-  };
+constexpr Grammar::Function kFunctions[] = {{"SIN", sine},
+                                            {"COS", cosine},
+                                            {"TAN", tangent},
+                                            {"ASIN", arc_sine},
+                                            {"ACOS", arc_cosine},
+                                            {"SQRT", [](double x) { return std::sqrt(x); }},
+                                            {"ABS", [](double x) { return std::abs(x); }},
+                                            {"POT", [](double x) { return x * x; }},
+                                            {"TRUNC", [](double x) { return std::trunc(x); }},
+                                            {"ROUND", [](double x) { return std::round(x); }},
+                                            {"LN", [](double x) { return std::log(x); }},
+                                            {"EXP", [](double x) { return std::exp(x); }}};
 
-  [[nodiscard]] int column() const { return static_cast<int>(p_ - begin_) + 1; }
-  bool take(std::string_view word) {
-    if (!std::string_view(p_, static_cast<std::size_t>(end_ - p_)).starts_with(word)) return false;
-    p_ += word.size();
-    return true;
-  }
-  double value() {
-    const bool negative = p_ != end_ && *p_ == '-';
-    if (p_ != end_ && (*p_ == '-' || *p_ == '+')) ++p_;
-    double v = 0;
-    if (!read_digits(p_, end_, v)) reject(column(), "bad number format");
-    return negative ? -v : v;
-  }
-  [[nodiscard]] bool word_ends() const { return p_ == end_ || *p_ == ' ' || *p_ == '\t' || *p_ == ';'; }
+constexpr Grammar::PairFunction kPairFunctions[] = {{"ATAN2", arc_tangent},
+                                                    {"MINVAL", [](double a, double b) { return std::min(a, b); }},
+                                                    {"MAXVAL", [](double a, double b) { return std::max(a, b); }}};
 
-  void read_block(std::string_view line) {
-    if (line.size() > 512) reject(513, "block too long");
-    begin_ = p_ = line.data();
-    end_ = p_ + line.size();
-    if (take("/")) return;  // the operator's switch is on
-    Words words;
-    bool any = false;
-    std::uint32_t groups = 0;
-    while (true) {
-      while (p_ != end_ && (*p_ == ' ' || *p_ == '\t')) ++p_;
-      if (p_ == end_ || *p_ == ';') break;
-      read_word(words, groups);
-      any = true;
-    }
-    if (any) perform(words);
-  }
+constexpr Grammar kSiemens{'(', ')', 6, kOperators, kFunctions, kPairFunctions, true};
 
-  void pass_corners(bool exact_stop, double tolerance_mm) {
-    core_.exact_stop = exact_stop;
-    core_.corner_tolerance_mm = tolerance_mm;
-  }
-
-  void read_word(Words& w, std::uint32_t& groups) {
-    const int where = column();
-    for (const std::string_view keyword :
-         {"SUPA", "TRAORI", "TRAFOOF", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "STOPRE", "SOFT", "FFWON", "G642"}) {
-      const char* const before = p_;
-      if (!take(keyword)) continue;
-      if (!word_ends()) {
-        p_ = before;
-        break;
-      }
-      if (keyword == "SUPA") w.suppress = true;
-      if (keyword == "G642") pass_corners(false, -1);
-      if (keyword == "TRAORI") w.tcp = 1;
-      if (keyword == "TRAFOOF") w.tcp = 0;
-      if (keyword == "ORIAXES") axes_interpolate_ = true;
-      if (keyword == "ORIVECT") reject(where, "only ORIAXES is followed: rotary axes turn evenly");
-      return;
-    }
-    const bool cycle832 = take("CYCLE832(");
-    if (cycle832 || take("MSG(")) {
-      const char* const begin = p_;
-      while (p_ != end_ && *p_ != ')') ++p_;
-      if (cycle832) {
-        double tolerance = 0;
-        const char* at = begin;
-        pass_corners(false, read_digits(at, p_, tolerance) && tolerance > 0 ? tolerance * unit_ : -1);
-      }
-      if (!take(")")) reject(where, "')' is missing");
-      return;
-    }
-    const char letter = *p_++;
-    if (letter < 'A' || letter > 'Z') reject(where, "a word must begin with a letter");
-    if (const int axis = core_.axis_of(letter); axis >= 0) return axis_word(w, axis, where);
-    if (letter == 'C' && take("R=")) {
-      w.radius = value();
-      w.has_radius = true;
-      return;
-    }
-    const double v = value();
-    if (!word_ends()) reject(column(), "words stand apart by blanks");
-    const auto once = [&](int group) {
-      if ((groups >> group & 1U) != 0) reject(where, "two codes of one group in a block");
-      groups |= 1U << group;
-    };
-    switch (letter) {
-      case 'N':
-        return;
-      case 'G':
-        return g_code(w, v, where, once);
-      case 'M':
-        return m_code(w, v, where, once);
-      case 'F':
-        w.f = v;
-        w.has_f = true;
-        return once(20);
-      case 'S':
-        w.s = v;
-        w.has_s = true;
-        return once(21);
-      case 'T':
-      case 'D':
-        if (v < 0 || v > 32767 || v != std::floor(v)) reject(where, "T and D are whole numbers");
-        (letter == 'T' ? w.tool : w.d) = static_cast<int>(v);
-        return once(letter == 'T' ? 22 : 23);
-      case 'I':
-      case 'J':
-      case 'K':
-        (letter == 'I' ? w.i : letter == 'J' ? w.j : w.k) = v;
-        w.has_centre = true;
-        return once(24 + (letter - 'I'));
-      default:
-        reject(where, std::string("word ") + letter + " is not known to this machine");
-    }
-  }
-
-  // X1.5, X=1.5, C=DC(30), C=AC(30), X=IC(2)
-  void axis_word(Words& w, int axis, int where) {
-    AxisWord& word = w.axes[static_cast<std::size_t>(axis)];
-    if (word.named) reject(where, "axis named twice");
-    word.named = true;
-    if (take("=")) {
-      const bool known = take("DC(")   ? (word.how = How::kShortest, true)
-                         : take("AC(") ? (word.how = How::kAbsolute, true)
-                         : take("IC(") ? (word.how = How::kIncremental, true)
-                                       : false;
-      word.value = value();
-      if (known && !take(")")) reject(column(), "')' is missing");
-      if (word.how == How::kShortest && (axis < 3 || !(word.value >= 0 && word.value < 360))) {
-        reject(where, "DC takes an angle from 0 to below 360 of a rotary axis");
-      }
-    } else {
-      word.value = value();
-    }
-    if (!word_ends()) reject(column(), "words stand apart by blanks");
-  }
-
-  template <typename Once>
-  void g_code(Words& w, double v, int where, const Once& once) {
-    if (v != std::floor(v) || v < 0 || v > 999) reject(where, "unknown code");
-    switch (const int code = static_cast<int>(v)) {
-      case 0:
-      case 1:
-      case 2:
-      case 3:
-        w.motion = code;
-        return once(1);
-      case 4:
-        w.dwell = true;
-        return once(2);
-      case 17:
-        return once(6);
-      case 40:
-        return once(7);
-      case 53:
-      case 153:
-        w.suppress = true;
-        return once(9);
-      case 54:
-      case 55:
-      case 56:
-      case 57:
-        w.offset = code - 53;
-        return once(8);
-      case 500:
-        w.offset = 0;
-        return once(8);
-      case 505:
-      case 506:
-        w.offset = code - 500;
-        return once(8);
-      case 60:
-      case 64:
-        pass_corners(code == 60, code == 60 ? 0 : -1);
-        return once(10);
-      case 70:
-      case 71:
-      case 700:
-      case 710:
-        unit_ = code == 70 || code == 700 ? kMmPerInch : 1;
-        return once(13);
-      case 90:
-      case 91:
-        incremental_ = code == 91;
-        return once(14);
-      case 93:
-      case 94:
-        if ((code == 93) != inverse_time_) feed_ = 0;
-        inverse_time_ = code == 93;
-        return once(15);
-      default:
-        reject(where, "G" + std::to_string(code) + " is not known to this control");
-    }
-  }
-
-  template <typename Once>
-  void m_code(Words& w, double v, int where, const Once& once) {
-    const int code = v == std::floor(v) && v >= 0 && v < 1000 ? static_cast<int>(v) : -1;
-    switch (code) {
-      case 3:
-      case 4:
-      case 5:
-        w.spindle = code;
-        return once(16);
-      case 7:
-      case 8:
-      case 9:
-        w.coolant = code;
-        return once(17);
-      case 6:
-        w.change = true;
-        return once(18);
-      case 0:
-      case 1:
-      case 2:
-      case 17:
-      case 30:
-        w.stop = code;
-        return once(19);
-      default:
-        reject(where, "this M code is not known to this control");
-    }
-  }
-
-  void perform(Words& w) {
-    if (w.dwell) {
-      if (!w.has_f || w.f < 0) reject(1, "G4 needs its seconds in F");
-      core_.say(ProgramStep::kDwell, 0, w.f);
-      w.has_f = false;
-    }
-    const bool feed_here = w.has_f;
-    if (w.has_f) {
-      if (w.f <= 0) reject(1, "the feed must be above 0");
-      feed_ = inverse_time_ ? w.f : w.f * unit_;
-    }
-    if (w.has_s) {
-      rpm_ = w.s;
-      if (rpm_ < 0 || rpm_ > core_.machine.max_spindle_rpm) reject(1, "spindle speed out of the machine's range");
-      if (spindle_ != 5 && w.spindle < 0) w.spindle = spindle_;
-    }
-    if (w.tool >= 0) {
-      static_cast<void>(core_.tool_length(w.tool, 1));  // refuses an unknown tool
-      selected_ = w.tool;
-    }
-    if (w.change) {
-      if (core_.tcp()) reject(1, "TRAFOOF must come before a tool change");
-      tool_ = selected_;
-      spindle_ = 5;
-      core_.say(ProgramStep::kChangeTool, tool_);
-      core_.set_length(core_.tool_length(tool_, 1));  // D1 comes with the tool
-    }
-    if (w.spindle >= 0) {
-      if (w.spindle != 5 && rpm_ == 0) reject(1, "no spindle speed");
-      spindle_ = w.spindle;
-      core_.say(ProgramStep::kSpindle, spindle_, spindle_ == 5 ? 0 : rpm_);
-    }
-    if (w.coolant >= 0) core_.say(ProgramStep::kCoolant, w.coolant);
-    if (w.d >= 0) {
-      if (w.d > 1) reject(1, "cutting edges D0 and D1 are known");
-      core_.set_length(w.d == 0 ? 0 : core_.tool_length(tool_, 1));
-    }
-    if (w.offset >= 0)
-      core_.set_offset(w.offset == 0 ? AxisValues{} : core_.setup.offsets[static_cast<std::size_t>(w.offset) - 1]);
-    if (w.tcp >= 0) core_.set_tcp(w.tcp == 1);
-    if (w.motion >= 0) motion_ = w.motion;
-    if (std::any_of(w.axes.begin(), w.axes.end(), [](const AxisWord& a) { return a.named; })) move(w, feed_here);
-    if (w.stop == 0 || w.stop == 1) core_.say(ProgramStep::kPause, w.stop);
-    if (w.stop >= 2) {
-      core_.say(ProgramStep::kEnd, w.stop);
-      ended_ = true;
-    }
-  }
-
-  void move(const Words& w, bool feed_here) {
-    const AxisValues from = w.suppress ? core_.joints() : core_.here();
-    AxisValues to = from;
-    for (std::size_t i = 0; i < 5; ++i) {
-      const AxisWord& word = w.axes[i];
-      if (!word.named) continue;
-      if (i >= 3 && core_.tcp() && !axes_interpolate_) reject(1, "rotary axes under TRAORI need ORIAXES");
-      const double v = word.value * (i < 3 ? unit_ : kRadPerDegree);
-      const bool incremental = word.how == How::kIncremental || (word.how == How::kModal && incremental_);
-      to[i] = incremental ? from[i] + v : v;
-      if (word.how == How::kShortest) to[i] = from[i] + std::remainder(v - from[i], 2 * kPi);
-    }
-    if (motion_ != 0) {
-      if (inverse_time_ && !feed_here) reject(1, "F is missing in a block with inverse-time feed");
-      if (feed_ == 0) reject(1, "feed not given");
-    }
-    const auto timed = [&](double seconds) { return motion_ == 0 ? 0 : inverse_time_ ? 60 / feed_ : seconds; };
-    if (w.suppress) {
-      if (core_.tcp()) reject(1, "SUPA before TRAFOOF");
-      if (motion_ > 1) reject(1, "SUPA needs G0 or G1");
-      if (w.axes[2].named) to[2] += core_.length_mm();  // frames are suppressed, the tool's length is not
-      return core_.move_joints(to, motion_ == 0, timed(core_.seconds_at(to, feed_)));
-    }
-    if (motion_ <= 1) return core_.move(to, motion_ == 0, timed(core_.seconds_at(to, feed_)));
-    const bool clockwise = motion_ == 2;
-    double cu = from[0] + w.i * unit_, cv = from[1] + w.j * unit_;
-    if (w.has_radius) {
-      centre_by_radius(from[0], from[1], to[0], to[1], w.radius * unit_, clockwise, 1, cu, cv);
-    } else if (!w.has_centre || w.k != 0) {
-      reject(1, "an arc in G17 needs I and J or CR=");
-    }
-    const double r0 = std::hypot(from[0] - cu, from[1] - cv), r1 = std::hypot(to[0] - cu, to[1] - cv);
-    if (r0 == 0 || std::abs(r1 - r0) > 0.01) reject(1, "the arc's ends do not fit its centre");
-    const double turn =
-        turn_between(std::atan2(from[1] - cv, from[0] - cu), std::atan2(to[1] - cv, to[0] - cu), clockwise);
-    core_.arc(to, 0, 1, cu, cv, turn, timed(std::hypot(r0 * turn, to[2] - from[2]) * 60 / feed_));
-  }
-
-  ReaderCore& core_;
-  std::vector<std::string_view> lines_;
-  const char *begin_ = nullptr, *p_ = nullptr, *end_ = nullptr;
-  bool ended_ = false, incremental_ = false, inverse_time_ = false, axes_interpolate_ = false;
-  double unit_ = 1, feed_ = 0, rpm_ = 0;
-  int motion_ = 1, tool_ = 0, selected_ = 0, spindle_ = 5;
-};
+void once(std::uint32_t& groups, int group, int where) {
+  if ((groups >> group & 1U) != 0) reject(where, "two codes of one group in a block");
+  groups |= 1U << group;
+}
 
 }  // namespace
+
+SiemensReader::SiemensReader(std::string_view text, ReaderCore& core)
+    : ExpressionReader(kSiemens), core_(core), path_(core), lines_(split_lines(text)) {
+  core_.set_offset({});  // G500 until an offset is named
+}
+
+ReadResult SiemensReader::run() {
+  ReadResult result = run_lines(
+      core_, lines_.size(), ended_, "the file ends without M30, M17 or M2",
+      [this](std::size_t at) {
+        read_line(at);
+        return next_;
+      },
+      [] {});
+  return result;
+}
+
+void SiemensReader::read_line(std::size_t at) {
+  at_ = at;
+  next_ = at + 1;
+  const std::string_view line = lines_[at];
+  if (line.size() > kLongestBlock) reject(kLongestBlock + 1, "block too long");
+  text_.assign(line);
+  for (char& c : text_) {
+    if (c >= 'a' && c <= 'z') c = static_cast<char>(c - 32);
+  }
+  p_ = text_.data();
+  end_ = p_ + text_.size();
+  if (!take("/")) read_block();  // else the operator's switch is on
+}
+
+void SiemensReader::read_block() {
+  skip_blanks();
+  if (take("N") || take(":")) {
+    double n = 0;
+    if (!read_digits(p_, end_, n)) {
+      if (p_[-1] == ':') reject(column(), "a block number is missing");
+      --p_;  // a name
+    } else {
+      expect_word_end();
+    }
+    skip_blanks();
+  }
+  if (const std::string_view label = name(); label.size() > 1 && p_ + label.size() != end_ && p_[label.size()] == ':') {
+    p_ += label.size() + 1;
+    skip_blanks();
+  }
+  if (p_ == end_ || *p_ == ';' || statement()) return;
+  Words words;
+  std::uint32_t groups = 0;
+  for (skip_blanks(); p_ != end_ && *p_ != ';'; skip_blanks()) read_word(words, groups);
+  perform(words);
+}
+
+std::string_view SiemensReader::name() const {
+  const char* p = p_;
+  while (p != end_ && ((*p >= 'A' && *p <= 'Z') || *p == '_' || (p != p_ && *p >= '0' && *p <= '9'))) ++p;
+  return {p_, static_cast<std::size_t>(p - p_)};
+}
+
+bool SiemensReader::take_name(std::string_view wanted) {
+  if (name() != wanted) return false;
+  p_ += wanted.size();
+  return true;
+}
+
+bool SiemensReader::operand(double& v, int depth) {
+  const int where = column();
+  if (take_name("NOT")) {
+    v = value(depth) == 0;
+    return true;
+  }
+  if (take_name("TRUE") || take_name("FALSE")) {
+    v = p_[-2] == 'U';
+    return true;
+  }
+  if (*p_ == '$') {
+    const bool machine = take("$AA_IM[");
+    if (!machine && !take("$AA_IW[") && !take("$P_EP[")) reject(where, "this system variable is not known here");
+    const int axis = p_ == end_ ? -1 : core_.axis_of(*p_);
+    if (axis < 0) reject(column(), "an axis of this machine expected");
+    ++p_;
+    if (!take("]")) reject(column(), "']' is missing");
+    if (path_.on()) reject(where, "the position is not known while cutter compensation is on");
+    const double q = (machine ? core_.joints() : path_.place())[static_cast<std::size_t>(axis)];
+    v = q / (axis < 3 ? unit_ : kRadPerDegree);
+    return true;
+  }
+  const double* const known = variable(depth);
+  if (known != nullptr) v = *known;
+  return known != nullptr;
+}
+
+double SiemensReader::address_value() {
+  if (take("=")) return expression();
+  const bool negative = p_ != end_ && *p_ == '-';
+  if (p_ != end_ && (*p_ == '-' || *p_ == '+')) ++p_;
+  double v = 0;
+  if (!read_digits(p_, end_, v)) reject(column(), "bad number format");
+  return negative ? -v : v;
+}
+
+void SiemensReader::pass_corners(bool exact_stop, double tolerance_mm) {
+  core_.exact_stop = exact_stop;
+  core_.corner_tolerance_mm = tolerance_mm;
+}
+
+void SiemensReader::read_word(Words& w, std::uint32_t& groups) {
+  const int where = column();
+  const std::string_view word = name();
+  if (word.empty()) reject(where, "a word must begin with a letter");
+  const bool address = word.size() == 1 || (word[1] >= '0' && word[1] <= '9');
+  if (address && word.size() == 2 && word[1] == '3' && p_ + 2 != end_ && p_[2] == '=' && word[0] <= 'C') {
+    p_ += 2;
+    std::optional<double>& part = w.direction[static_cast<std::size_t>(word[0] - 'A')];
+    if (part) reject(where, "a word repeated");
+    part = address_value();
+    return expect_word_end();
+  }
+  if (!address) {
+    if (!read_keyword(word, where, w)) reject(where, std::string(word) + " is not known to this control");
+    return;
+  }
+  const char letter = *p_++;
+  if (const int axis = core_.axis_of(letter); axis >= 0)
+    return read_axis(w.axes[static_cast<std::size_t>(axis)], axis >= 3, where);
+  if (letter >= 'I' && letter <= 'K') return read_axis(w.centre[static_cast<std::size_t>(letter - 'I')], false, where);
+  const double v = address_value();
+  expect_word_end();
+  read_address(letter, v, where, w, groups);
+}
+
+bool SiemensReader::read_keyword(std::string_view word, int where, Words& w) {
+  p_ += word.size();
+  if (word == "CR" || word == "TURN") {
+    std::optional<double>& v = word == "CR" ? w.radius : w.turns;
+    if (v || p_ == end_ || *p_ != '=') reject(where, std::string(word) + " stands once in a block, with =");
+    v = address_value();
+    expect_word_end();
+    return true;
+  }
+  if (word == "MSG" || word == "CYCLE832") {
+    if (!take("(")) reject(column(), "'(' is missing");
+    const char* const begin = p_;
+    while (p_ != end_ && *p_ != ')') ++p_;
+    if (word == "CYCLE832") {
+      double tolerance = 0;
+      const char* at = begin;
+      pass_corners(false, read_digits(at, p_, tolerance) && tolerance > 0 ? tolerance * unit_ : -1);
+    }
+    if (!take(")")) reject(where, "')' is missing");
+    return true;
+  }
+  // How fast and how smoothly, which is the control's affair.
+  constexpr std::string_view kWithoutEffect[] = {"STOPRE", "SOFT", "BRISK", "FFWON", "FFWOF"};
+  if (std::find(std::begin(kWithoutEffect), std::end(kWithoutEffect), word) == std::end(kWithoutEffect)) {
+    if (word == "SUPA")
+      w.suppress = true;
+    else if (word == "TRAORI" || word == "TRAFOOF")
+      w.tcp = word == "TRAORI";
+    else if (word == "ORIWKS" || word == "ORIMKS")
+      machine_directions_ = word == "ORIMKS";
+    else if (word == "ORIAXES")
+      turning_ = Turning::kAxes;
+    else if (word == "ORIVECT" || word == "ORIPLANE")
+      turning_ = Turning::kGreatCircle;
+    else
+      return false;
+  }
+  expect_word_end();
+  return true;
+}
+
+void SiemensReader::read_address(char letter, double v, int where, Words& w, std::uint32_t& groups) {
+  switch (letter) {
+    case 'G':
+      return g_code(w, v, where, groups);
+    case 'M':
+      return m_code(w, v, where, groups);
+    case 'F':
+      w.f = v;
+      return once(groups, 20, where);
+    case 'S':
+      w.s = v;
+      return once(groups, 21, where);
+    case 'T':
+    case 'D':
+      if (v < 0 || v > 32767 || v != std::floor(v)) reject(where, "T and D are whole numbers");
+      (letter == 'T' ? w.tool : w.d) = static_cast<int>(v);
+      return once(groups, letter == 'T' ? 22 : 23, where);
+    default:
+      reject(where, std::string("word ") + letter + " is not known to this machine");
+  }
+}
+
+// X1.5, X=R1*2, C=DC(30), C=AC(30), X=IC(2), C=ACP(10)
+void SiemensReader::read_axis(AxisWord& word, bool rotary, int where) {
+  if (word.named) reject(where, "axis named twice");
+  word.named = true;
+  if (p_ != end_ && *p_ == '=') {
+    ++p_;
+    static constexpr std::pair<std::string_view, How> kHows[] = {{"DC(", How::kShortest},
+                                                                 {"ACP(", How::kUpwards},
+                                                                 {"ACN(", How::kDownwards},
+                                                                 {"AC(", How::kAbsolute},
+                                                                 {"IC(", How::kIncremental}};
+    for (const auto& [text, how] : kHows) {
+      if (!take(text)) continue;
+      word.how = how;
+      break;
+    }
+    word.value = expression();
+    if (word.how != How::kModal && !take(")")) reject(column(), "')' is missing");
+    const bool turns = word.how == How::kShortest || word.how == How::kUpwards || word.how == How::kDownwards;
+    if (turns && (!rotary || !(word.value >= 0 && word.value < 360)))
+      reject(where, "DC, ACP and ACN take an angle from 0 to below 360 of a rotary axis");
+  } else {
+    word.value = address_value();
+  }
+  expect_word_end();
+}
+
+void SiemensReader::g_code(Words& w, double v, int where, std::uint32_t& groups) {
+  const int code = v == std::floor(v) && v >= 0 && v <= 999 ? static_cast<int>(v) : -1;
+  switch (code) {
+    case 0:
+    case 1:
+    case 2:
+    case 3:
+      w.motion = code;
+      return once(groups, 1, where);
+    case 4:
+      w.dwell = true;
+      return once(groups, 2, where);
+    case 17:
+    case 18:
+    case 19:
+      if (path_.on() && plane_ != code - 17) reject(where, "a change of plane while cutter compensation is on");
+      plane_ = code - 17;
+      return once(groups, 6, where);
+    case 40:
+    case 41:
+    case 42:
+      w.compensation = code;
+      return once(groups, 7, where);
+    case 53:
+    case 153:
+      w.suppress = true;
+      return once(groups, 9, where);
+    case 54:
+    case 55:
+    case 56:
+    case 57:
+      w.offset = code - 53;
+      return once(groups, 8, where);
+    case 500:
+      w.offset = 0;
+      return once(groups, 8, where);
+    case 505:
+    case 506:
+      w.offset = code - 500;
+      return once(groups, 8, where);
+    case 60:
+    case 64:
+      pass_corners(code == 60, code == 60 ? 0 : -1);
+      return once(groups, 10, where);
+    case 601:
+    case 602:
+      return once(groups, 12, where);  // how exact G60 is: the control's affair
+    case 642:
+      pass_corners(false, -1);
+      return once(groups, 10, where);
+    case 70:
+    case 71:
+    case 700:
+    case 710:
+      unit_ = code == 70 || code == 700 ? kMmPerInch : 1;
+      return once(groups, 13, where);
+    case 90:
+    case 91:
+      incremental_ = code == 91;
+      return once(groups, 14, where);
+    case 93:
+    case 94:
+      if ((code == 93) != inverse_time_) feed_ = 0;
+      inverse_time_ = code == 93;
+      return once(groups, 15, where);
+    default:
+      reject(where, code < 0 ? "unknown code" : "G" + std::to_string(code) + " is not known to this control");
+  }
+}
+
+void SiemensReader::m_code(Words& w, double v, int where, std::uint32_t& groups) {
+  const int code = v == std::floor(v) && v >= 0 && v < 1000 ? static_cast<int>(v) : -1;
+  switch (code) {
+    case 3:
+    case 4:
+    case 5:
+      w.spindle = code;
+      return once(groups, 16, where);
+    case 7:
+    case 8:
+    case 9:
+      w.coolant = code;
+      return once(groups, 17, where);
+    case 6:
+      w.change = true;
+      return once(groups, 18, where);
+    case 0:
+    case 1:
+    case 2:
+    case 17:
+    case 30:
+      w.stop = code;
+      return once(groups, 19, where);
+    default:
+      reject(where, "this M code is not known to this control");
+  }
+}
+
+void SiemensReader::change_tool(const Words& w) {
+  if (w.tool >= 0) {
+    static_cast<void>(core_.tool_length(w.tool, 1));  // refuses an unknown tool
+    selected_ = w.tool;
+  }
+  if (w.change) {
+    if (core_.tcp()) reject(1, "TRAFOOF must come before a tool change");
+    if (path_.on()) reject(1, "a tool change while cutter compensation is on");
+    tool_ = selected_;
+    spindle_ = 5;
+    core_.say(ProgramStep::kChangeTool, tool_);
+    core_.set_length(core_.tool_length(tool_, 1));  // D1 comes with the tool
+  }
+}
+
+void SiemensReader::perform(Words& w) {
+  if (w.dwell) {
+    if (!w.f || *w.f < 0) reject(1, "G4 needs its seconds in F");
+    path_.say(ProgramStep::kDwell, 0, *w.f);
+    w.f.reset();
+  }
+  if (w.f) {
+    if (*w.f <= 0) reject(1, "the feed must be above 0");
+    feed_ = inverse_time_ ? *w.f : *w.f * unit_;
+  }
+  if (w.s) {
+    rpm_ = *w.s;
+    if (!(rpm_ >= 0 && rpm_ <= core_.machine.max_spindle_rpm)) reject(1, "spindle speed out of the machine's range");
+    if (spindle_ != 5 && w.spindle < 0) w.spindle = spindle_;
+  }
+  change_tool(w);
+  if (w.spindle >= 0) {
+    if (w.spindle != 5 && rpm_ == 0) reject(1, "no spindle speed");
+    spindle_ = w.spindle;
+    path_.say(ProgramStep::kSpindle, spindle_, spindle_ == 5 ? 0 : rpm_);
+  }
+  if (w.coolant >= 0) path_.say(ProgramStep::kCoolant, w.coolant);
+  if (path_.on() && (w.d >= 0 || w.offset >= 0 || w.tcp >= 0 || w.suppress))
+    reject(1, "D, an offset, a transformation or SUPA while cutter compensation is on");
+  if (w.d >= 0) {
+    if (w.d > 1) reject(1, "cutting edges D0 and D1 are known");
+    core_.set_length(w.d == 0 ? 0 : core_.tool_length(tool_, 1));
+  }
+  if (w.offset >= 0)
+    core_.set_offset(w.offset == 0 ? AxisValues{} : core_.setup.offsets[static_cast<std::size_t>(w.offset) - 1]);
+  if (w.tcp >= 0) core_.set_tcp(w.tcp == 1);
+  if (w.compensation >= 0) set_compensation(w.compensation);
+  if (w.motion >= 0) motion_ = w.motion;
+  const auto named = [](const AxisWord& a) { return a.named; };
+  const bool directed = w.direction[0] || w.direction[1] || w.direction[2];
+  const bool round = motion_ >= 2 && std::any_of(w.centre.begin(), w.centre.end(), named);  // a full circle
+  if (std::any_of(w.axes.begin(), w.axes.end(), named) || directed || round)
+    move(w, w.f.has_value());
+  else if (std::any_of(w.centre.begin(), w.centre.end(), named) || w.radius || w.turns)
+    reject(1, "words of an arc without one");
+  if (w.stop == 0 || w.stop == 1) {
+    path_.flush();
+    core_.say(ProgramStep::kPause, w.stop);
+  }
+  if (w.stop >= 2) leave_program(w.stop);
+}
 
 ReadResult read_siemens(std::string_view text, ReaderCore& core) {
   return SiemensReader(text, core).run();

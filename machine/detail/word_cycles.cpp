@@ -48,10 +48,10 @@ void WordReader::drill() {
   if (fanuc_ && plane_ != 0) reject(1, "canned cycles are understood in G17 only");
   if (plane_ != 0 && (motion_ == 740 || motion_ == 840))
     reject(1, "G74 and G84 are understood in G17 only");  // LinuxCNC confuses the axes elsewhere
-  if (compensation_.on()) reject(1, "canned cycles while cutter compensation is on");
+  if (path_.on()) reject(1, "canned cycles while cutter compensation is on");
   if (inverse_time_ || feed_ == 0) reject(1, "a canned cycle needs a feed per minute");
-  const AxisValues from = place();
-  lead_ = {};
+  const AxisValues from = path_.place();
+  path_.forget_lead();
   read_cycle(from[w]);
   const double r = *cycle_.r + (incremental_ ? cycle_.level : 0), bottom = *cycle_.depth + (incremental_ ? r : 0);
   if (r < bottom) reject(1, "R lies below the hole's end");

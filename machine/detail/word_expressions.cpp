@@ -1,55 +1,134 @@
-// Values of RS274/NGC: numbers, parameters, functions, expressions.
+// Values of RS274/NGC and Fanuc: numbers, parameters, functions, expressions.
 #include "machine/detail/word_reader.h"
 
 namespace lightmill::detail {
 
-double WordReader::value(int depth) {
-  if (depth > 40) reject(column(), "expression nested too deeply");
-  if (p_ == end_) reject(column(), "a value is missing");
-  if (take("-")) return -value(depth + 1);
-  if (take("+")) return value(depth + 1);
-  double v = 0;
-  if ((*p_ >= '0' && *p_ <= '9') || *p_ == '.') {
-    if (!read_digits(p_, end_, v, &point_)) reject(column(), "bad number format");
-    return v;
+namespace {
+
+double modulo(double a, double b) {
+  const double r = std::fmod(a, b);
+  return r < 0 ? r + std::abs(b) : r;
+}
+
+constexpr Grammar::Operator kRs274Operators[] = {
+    {"AND", 0, [](double a, double b) { return double(a != 0 && b != 0); }},
+    {"XOR", 0, [](double a, double b) { return double((a != 0) != (b != 0)); }},
+    {"OR", 0, [](double a, double b) { return double(a != 0 || b != 0); }},
+    {"EQ", 1, [](double a, double b) { return double(a == b); }},
+    {"NE", 1, [](double a, double b) { return double(a != b); }},
+    {"GT", 1, [](double a, double b) { return double(a > b); }},
+    {"GE", 1, [](double a, double b) { return double(a >= b); }},
+    {"LT", 1, [](double a, double b) { return double(a < b); }},
+    {"LE", 1, [](double a, double b) { return double(a <= b); }},
+    {"+", 2, [](double a, double b) { return a + b; }},
+    {"-", 2, [](double a, double b) { return a - b; }},
+    {"MOD", 3, modulo},
+    {"/", 3, [](double a, double b) { return a / b; }},
+    {"*", 3, [](double a, double b) { return a * b; }},
+    {"**", 4, [](double a, double b) { return std::pow(a, b); }}};
+
+constexpr Grammar::Function kRs274Functions[] = {{"ABS", [](double x) { return std::abs(x); }},
+                                                 {"ACOS", arc_cosine},
+                                                 {"ASIN", arc_sine},
+                                                 {"COS", cosine},
+                                                 {"EXP", [](double x) { return std::exp(x); }},
+                                                 {"FIX", [](double x) { return std::floor(x); }},
+                                                 {"FUP", [](double x) { return std::ceil(x); }},
+                                                 {"LN", [](double x) { return std::log(x); }},
+                                                 {"ROUND", [](double x) { return std::round(x); }},
+                                                 {"SIN", sine},
+                                                 {"SQRT", [](double x) { return std::sqrt(x); }},
+                                                 {"TAN", tangent}};
+
+// Fanuc's empty variables are no numbers: 0 to all but EQ and NE.
+double filled(double x) {
+  return std::isnan(x) ? 0 : x;
+}
+
+bool same(double a, double b) {
+  return std::isnan(a) || std::isnan(b) ? std::isnan(a) && std::isnan(b) : a == b;
+}
+
+/// Bit by bit; no number where the operands are not whole or out of range.
+template <typename Bits>
+double bitwise(double a, double b, Bits bits) {
+  a = filled(a);
+  b = filled(b);
+  constexpr double kMost = 2147483647;
+  if (a != std::floor(a) || b != std::floor(b) || std::abs(a) > kMost || std::abs(b) > kMost)
+    return std::numeric_limits<double>::quiet_NaN();
+  return static_cast<double>(bits(static_cast<long>(a), static_cast<long>(b)));
+}
+
+constexpr Grammar::Operator kFanucOperators[] = {
+    {"EQ", 0, [](double a, double b) { return double(same(a, b)); }},
+    {"NE", 0, [](double a, double b) { return double(!same(a, b)); }},
+    {"GT", 0, [](double a, double b) { return double(filled(a) > filled(b)); }},
+    {"GE", 0, [](double a, double b) { return double(filled(a) >= filled(b)); }},
+    {"LT", 0, [](double a, double b) { return double(filled(a) < filled(b)); }},
+    {"LE", 0, [](double a, double b) { return double(filled(a) <= filled(b)); }},
+    {"+", 1, [](double a, double b) { return filled(a) + filled(b); }},
+    {"-", 1, [](double a, double b) { return filled(a) - filled(b); }},
+    {"OR", 1, [](double a, double b) { return bitwise(a, b, [](long x, long y) { return x | y; }); }},
+    {"XOR", 1, [](double a, double b) { return bitwise(a, b, [](long x, long y) { return x ^ y; }); }},
+    {"*", 2, [](double a, double b) { return filled(a) * filled(b); }},
+    {"/", 2, [](double a, double b) { return filled(a) / filled(b); }},
+    {"MOD", 2, [](double a, double b) { return std::fmod(filled(a), filled(b)); }},
+    {"AND", 2, [](double a, double b) { return bitwise(a, b, [](long x, long y) { return x & y; }); }}};
+
+constexpr Grammar::Function kFanucFunctions[] = {{"ABS", [](double x) { return std::abs(filled(x)); }},
+                                                 {"ACOS", [](double x) { return arc_cosine(filled(x)); }},
+                                                 {"ASIN", [](double x) { return arc_sine(filled(x)); }},
+                                                 {"COS", [](double x) { return cosine(filled(x)); }},
+                                                 {"EXP", [](double x) { return std::exp(filled(x)); }},
+                                                 {"FIX", [](double x) { return std::trunc(filled(x)); }},
+                                                 {"FUP",
+                                                  [](double x) {
+                                                    const double v = filled(x);
+                                                    return v < 0 ? std::floor(v) : std::ceil(v);
+                                                  }},
+                                                 {"LN", [](double x) { return std::log(filled(x)); }},
+                                                 {"ROUND", [](double x) { return std::round(filled(x)); }},
+                                                 {"SIN", [](double x) { return sine(filled(x)); }},
+                                                 {"SQRT", [](double x) { return std::sqrt(filled(x)); }},
+                                                 {"TAN", [](double x) { return tangent(filled(x)); }}};
+
+constexpr Grammar kRs274{'[', ']', 5, kRs274Operators, kRs274Functions, {}};
+constexpr Grammar kFanuc{'[', ']', 3, kFanucOperators, kFanucFunctions, {}};
+
+}  // namespace
+
+const Grammar& word_grammar(bool fanuc) {
+  return fanuc ? kFanuc : kRs274;
+}
+
+bool WordReader::operand(double& v, int depth) {
+  if (*p_ == '#') {
+    v = parameter(depth);
+    return true;
   }
-  point_ = true;
-  if (fanuc_) reject(column(), "a number is missing");
-  if (*p_ == '[') return bracket(depth + 1);
-  if (*p_ == '#') return parameter(depth + 1);
-  struct Function {
-    const char* name;
-    double (*f)(double);
-  };
-  static const Function kFunctions[] = {{"ABS", [](double x) { return std::abs(x); }},
-                                        {"ACOS", [](double x) { return std::acos(x) / kRadPerDegree; }},
-                                        {"ASIN", [](double x) { return std::asin(x) / kRadPerDegree; }},
-                                        {"COS", [](double x) { return std::cos(x * kRadPerDegree); }},
-                                        {"EXP", [](double x) { return std::exp(x); }},
-                                        {"FIX", [](double x) { return std::floor(x); }},
-                                        {"FUP", [](double x) { return std::ceil(x); }},
-                                        {"LN", [](double x) { return std::log(x); }},
-                                        {"ROUND", [](double x) { return std::round(x); }},
-                                        {"SIN", [](double x) { return std::sin(x * kRadPerDegree); }},
-                                        {"SQRT", [](double x) { return std::sqrt(x); }},
-                                        {"TAN", [](double x) { return std::tan(x * kRadPerDegree); }}};
   if (take("ATAN")) {
-    const double y = bracket(depth + 1);
+    if (fanuc_ && take("[")) {
+      const double y = expression(depth);
+      const bool pair = take(",");
+      const double x = pair ? expression(depth) : 0;
+      if (!take("]")) reject(column(), "']' is missing");
+      if (!pair && !take("/")) reject(column(), "ATAN needs [y]/[x]");
+      v = arc_tangent(filled(y), filled(pair ? x : bracket(depth)));
+      return true;
+    }
+    const double y = bracket(depth);
     if (!take("/")) reject(column(), "ATAN needs [y]/[x]");
-    return std::atan2(y, bracket(depth + 1)) / kRadPerDegree;
+    v = arc_tangent(y, bracket(depth));
+    return true;
   }
-  if (take("EXISTS[#<")) {
+  if (!fanuc_ && take("EXISTS[#<")) {
     const std::string name = name_end();
     if (!take("]")) reject(column(), "']' is missing");
-    return named(name) != nullptr ? 1 : 0;
+    v = named(name) != nullptr ? 1 : 0;
+    return true;
   }
-  for (const Function& function : kFunctions) {
-    if (!take(function.name)) continue;
-    v = function.f(bracket(depth + 1));
-    if (!std::isfinite(v)) reject(column(), std::string(function.name) + " of a value out of its range");
-    return v;
-  }
-  reject(column(), "bad number format");
+  return false;
 }
 
 std::string WordReader::name_end() {
@@ -69,12 +148,13 @@ double* WordReader::named(const std::string& name) {
 double WordReader::parameter(int depth) {
   ++p_;  // #
   const int where = column();
+  if (fanuc_) return variable(value(depth), where);
   if (take("<")) {
     const std::string name = name_end();
     if (const double* known = named(name)) return *known;
     static constexpr const char* kAxes[] = {"_X", "_Y", "_Z"};
     for (std::size_t i = 0; i < 3; ++i) {
-      if (name == kAxes[i]) return (compensation_.on() ? compensation_.centre() : place())[i] / unit_;
+      if (name == kAxes[i]) return (path_.on() ? path_.centre() : path_.place())[i] / unit_;
     }
     if (name == "_METRIC") return unit_ == 1;
     if (name == "_IMPERIAL") return unit_ != 1;
@@ -92,68 +172,12 @@ int WordReader::address(double v, int where) {
 
 double WordReader::numbered(int n) {
   if (n >= 5420 && n <= 5422) {
-    if (compensation_.on()) reject(column(), "the position is not known while cutter compensation is on");
-    return place()[static_cast<std::size_t>(n - 5420)] / unit_;
+    if (path_.on()) reject(column(), "the position is not known while cutter compensation is on");
+    return path_.place()[static_cast<std::size_t>(n - 5420)] / unit_;
   }
   if (n == 5400) return tool_;
   const auto found = numbers_.find(n);
   return found == numbers_.end() ? 0 : found->second;
-}
-
-double WordReader::bracket(int depth) {
-  if (!take("[")) reject(column(), "'[' is missing");
-  const double v = level(0, depth);
-  if (!take("]")) reject(column(), "']' is missing");
-  return v;
-}
-
-/// Levels from loose to tight: logic, comparison, sum, product, power; all from left to right.
-double WordReader::level(int strength, int depth) {
-  if (depth > 40) reject(column(), "expression nested too deeply");
-  if (strength == 5) return value(depth + 1);
-  double a = level(strength + 1, depth);
-  for (;;) {
-    const int where = column();
-    const auto b = [&] { return level(strength + 1, depth); };
-    if (strength == 0 && take("AND")) {
-      const double r = b();
-      a = a != 0 && r != 0;
-    } else if (strength == 0 && take("XOR")) {
-      const double r = b();
-      a = (a != 0) != (r != 0);
-    } else if (strength == 0 && take("OR")) {
-      const double r = b();
-      a = a != 0 || r != 0;
-    } else if (strength == 1 && take("EQ"))
-      a = a == b();
-    else if (strength == 1 && take("NE"))
-      a = a != b();
-    else if (strength == 1 && take("GT"))
-      a = a > b();
-    else if (strength == 1 && take("GE"))
-      a = a >= b();
-    else if (strength == 1 && take("LT"))
-      a = a < b();
-    else if (strength == 1 && take("LE"))
-      a = a <= b();
-    else if (strength == 2 && take("+"))
-      a += b();
-    else if (strength == 2 && take("-"))
-      a -= b();
-    else if (strength == 3 && take("MOD")) {
-      const double d = b();
-      a = std::fmod(a, d);
-      if (a < 0) a += std::abs(d);
-    } else if (strength == 3 && take("/"))
-      a /= b();
-    else if (strength == 3 && !(end_ - p_ > 1 && p_[1] == '*') && take("*"))
-      a *= b();
-    else if (strength == 4 && take("**"))
-      a = std::pow(a, b());
-    else
-      return a;
-    if (!std::isfinite(a)) reject(where, "the result is no number");
-  }
 }
 
 }  // namespace lightmill::detail

@@ -2,8 +2,9 @@
 #include "machine/detail/word_reader.h"
 
 namespace lightmill::detail {
+
 namespace {
-constexpr int kDeepestCall = 10;
+constexpr int kLocals = 30;
 }
 
 /// O<name> or O<number> at the line's start; the label, and the cursor behind it.
@@ -45,15 +46,24 @@ std::size_t WordReader::find(std::size_t from, const std::string& wanted, std::i
 
 void WordReader::leave_sub() {
   Frame& frame = frames_.back();
-  for (int n = 1; n <= 30; ++n) numbers_.erase(n);
-  for (const auto& [n, v] : frame.saved) numbers_[n] = v;
-  next_ = frame.back;
   loops_.resize(frame.loops);
+  if (frame.left > 0) {
+    --frame.left;
+    next_ = frame.start;
+    return set_locals(frame.arguments, frame.locals);
+  }
+  next_ = frame.back;
+  set_locals(frame.saved, frame.locals);
   if (saved_.back() && restores_.back()) restore();
   saved_.pop_back();
   restores_.pop_back();
   frames_.pop_back();
   locals_.pop_back();
+}
+
+void WordReader::set_locals(const std::unordered_map<int, double>& values, int count) {
+  for (int n = 1; n <= count; ++n) numbers_.erase(n);
+  for (const auto& [n, v] : values) numbers_[n] = v;
 }
 
 void WordReader::enter_sub(Frame frame) {
@@ -91,7 +101,7 @@ void WordReader::restore() {
     renew_offset();
   }
   if (spindle_ != kept.spindle || (spindle_ != 5 && rpm_ != kept.rpm)) {
-    tell(ProgramStep::kSpindle, kept.spindle, kept.spindle == 5 ? 0 : kept.rpm);
+    path_.say(ProgramStep::kSpindle, kept.spindle, kept.spindle == 5 ? 0 : kept.rpm);
   }
   spindle_ = kept.spindle;
   rpm_ = kept.rpm;
@@ -123,11 +133,11 @@ void WordReader::flow() {
   } else if (take("CALL")) {
     if (frames_.size() >= kDeepestCall) reject(where, "subprograms nested too deeply");
     std::vector<double> arguments;
-    while (p_ != end_ && *p_ == '[' && arguments.size() < 30) arguments.push_back(bracket(0));
+    while (p_ != end_ && *p_ == '[' && arguments.size() < kLocals) arguments.push_back(bracket(0));
     auto sub = subs_.find(name);
     if (sub == subs_.end()) sub = subs_.emplace(name, find(0, name, {"SUB"})).first;
-    Frame frame{next_, {}, loops_.size()};
-    for (int n = 1; n <= 30; ++n) {
+    Frame frame{next_, {}, loops_.size(), kLocals};
+    for (int n = 1; n <= kLocals; ++n) {
       if (const auto old = numbers_.find(n); old != numbers_.end()) frame.saved[n] = old->second;
       numbers_[n] = static_cast<std::size_t>(n) <= arguments.size() ? arguments[static_cast<std::size_t>(n) - 1] : 0;
     }
@@ -184,31 +194,6 @@ void WordReader::flow() {
     reject(column(), "unknown word after the O number");
   }
   if (p_ != end_) reject(column(), "nothing may follow an O word's arguments");
-}
-
-void WordReader::call_fanuc() {
-  const double p = need('P', "M98");
-  const double repeats = has('L') ? use('L') : 1;
-  if (words_ != 0) reject(1, "M98 takes P and L only");
-  if (!(repeats >= 1 && repeats <= 9999) || frames_.size() >= kDeepestCall)
-    reject(1, "subprograms nested too deeply, or L out of range");
-  for (std::size_t i = 0; i < lines_.size(); ++i) {
-    if (lines_[i].size() < 2 || lines_[i][0] != 'O') continue;
-    prepare(lines_[i]);
-    ++p_;
-    double n = -1;
-    if (!read_digits(p_, end_, n) || n != p) continue;
-    p_ = end_;
-    // Repeats return to the call with one less to do: the frames are stacked in advance.
-    if (frames_.size() + static_cast<std::size_t>(repeats) > 9999) reject(1, "too many repeats");
-    for (int k = 0; k < static_cast<int>(repeats); ++k) {
-      enter_sub({k == 0 ? next_ : i + 1, {}, loops_.size()});
-    }
-    next_ = i + 1;
-    return;
-  }
-  reject(column_of('P'),
-         "program O" + std::to_string(static_cast<long>(std::clamp(p, -1e9, 1e9))) + " is not in this file");
 }
 
 }  // namespace lightmill::detail

@@ -5,29 +5,14 @@ namespace lightmill::detail {
 
 void WordReader::renew_offset() {
   AxisValues sum = offsets_[offset_];
-  for (std::size_t i = 0; i < 5; ++i) sum[i] += shift_[i];
+  for (std::size_t i = 0; i < 5; ++i) sum[i] += shift_[i] + local_shift_[i];
   core_.set_offset(sum);
-}
-
-AxisValues WordReader::place() const {
-  if (compensation_.on()) return compensation_.programmed();
-  AxisValues p = core_.here();
-  for (std::size_t i = 0; i < 3; ++i) p[i] += lead_[i];
-  return p;
 }
 
 /// G40, G41, G42, G41.1, G42.1.
 void WordReader::set_compensation(int tenths) {
-  if (tenths == 400) {
-    if (!compensation_.on()) return;
-    const bool entered = compensation_.entered();
-    compensation_.stop();
-    if (!entered) return;
-    for (std::size_t i = 0; i < 3; ++i) lead_[i] = compensation_.programmed()[i] - core_.here()[i];
-    arc_refused_ = true;
-    return;
-  }
-  if (compensation_.on()) reject(1, "cutter compensation is on already");
+  if (tenths == 400) return path_.leave();
+  if (path_.on()) reject(1, "cutter compensation is on already");
   if (plane_ == 2) reject(1, "cutter compensation needs G17 or G18");
   double diameter = 0;
   if (tenths % 10 == 1) {
@@ -48,8 +33,15 @@ void WordReader::set_compensation(int tenths) {
     if (number != 0) diameter = found->second;
   }
   const int side = (tenths / 10 == 41) == (diameter >= 0) ? 1 : -1;
-  const AxisValues from = place();
-  compensation_.start(side, std::abs(diameter) / 2, kPlanes[plane_][0], kPlanes[plane_][1], from);
+  const AxisValues from = path_.place();
+  path_.start(side, std::abs(diameter) / 2, kPlanes[plane_][0], kPlanes[plane_][1], from);
+}
+
+/// G54.1 P: the offset's place behind the others.
+int WordReader::more_offset() {
+  const double p = need('P', "G54.1");
+  if (!(p >= 1 && p <= kMoreOffsets) || p != std::floor(p)) reject(column_of('P'), "G54.1 takes P1 to P48");
+  return 8 + static_cast<int>(p);
 }
 
 /// G43, G43.1, G43.2, G43.4, G49; true if the axis words are its own.
@@ -57,6 +49,7 @@ bool WordReader::set_length(int tenths) {
   if (tenths == 490) {
     core_.set_tcp(false);
     core_.set_length(0);
+    directions_ = false;
     return false;
   }
   if (tenths == 431) {
@@ -71,7 +64,8 @@ bool WordReader::set_length(int tenths) {
   if (h != std::floor(h) || h < 0 || h > 99999) reject(column_of('H'), "H names a tool");
   const double length = core_.tool_length(static_cast<int>(h), column_of('H'));
   core_.set_length(tenths == 432 ? core_.length_mm() + length : length);
-  if (tenths == 434) core_.set_tcp(true);
+  directions_ = tenths == 435;
+  if (fanuc_) core_.set_tcp(tenths >= 434);
   return false;
 }
 
@@ -89,19 +83,29 @@ bool WordReader::shift(int tenths) {
     case 301:
       references_[tenths == 301] = core_.joints();
       return false;
-    case 520:
-      for (const int axis : taken_axes()) shift_[static_cast<std::size_t>(axis)] = target_value(axis);
+    case 520: {
+      AxisValues& local = fanuc_ ? local_shift_ : shift_;
+      for (const int axis : taken_axes()) local[static_cast<std::size_t>(axis)] = target_value(axis);
       renew_offset();
       return true;
+    }
     case 920:
       for (const int axis : taken_axes()) {
         const auto i = static_cast<std::size_t>(axis);
-        shift_[i] += place()[i] - target_value(axis);
+        shift_[i] += path_.place()[i] - target_value(axis);
       }
       renew_offset();
       return true;
     case 921:
     case 922:
+      if (fanuc_) {  // names the axes, with zeros
+        for (const int axis : taken_axes()) {
+          if (target_value(axis) != 0) reject(1, "G92.1 takes its axes with 0");
+          shift_[static_cast<std::size_t>(axis)] = local_shift_[static_cast<std::size_t>(axis)] = 0;
+        }
+        renew_offset();
+        return true;
+      }
       kept_shift_ = tenths == 922 ? shift_ : AxisValues{};
       shift_ = {};
       renew_offset();
@@ -133,7 +137,7 @@ double WordReader::target_value(int axis) {
 std::pair<double, double> WordReader::polar_end() {
   if (plane_ != 0) reject(polar_column_, "polar words need G17");
   if (has('X') || has('Y')) reject(polar_column_, "polar words beside X or Y");
-  const double x = place()[0], y = place()[1];
+  const double x = path_.place()[0], y = path_.place()[1];
   const bool at_zero = std::hypot(x, y) < 1e-9;
   if (at_zero && (incremental_ || !polar_angle_ || !polar_radius_)) {
     reject(polar_column_, "at zero a polar word has no radius or angle to start from");
@@ -146,6 +150,7 @@ std::pair<double, double> WordReader::polar_end() {
 
 void WordReader::set_data() {
   const double l = need('L', "G10"), p = need('P', "G10 L2");
+  if (fanuc_) return set_fanuc_offset(l, p);
   if ((l != 2 && l != 20) || p < 0 || p > 9 || p != std::floor(p))
     reject(column_of('L'), "G10 is understood with L2 and L20, P0 to P9");
   const std::size_t system = p == 0 ? offset_ : static_cast<std::size_t>(p) - 1;
@@ -158,12 +163,26 @@ void WordReader::set_data() {
   renew_offset();
 }
 
+/// G10 L2 P1 to P6, L20 P1 to P48; under G91 the words add up.
+void WordReader::set_fanuc_offset(double l, double p) {
+  const double most = l == 2 ? 6 : l == 20 ? kMoreOffsets : 0;
+  if (!(p >= 1 && p <= most) || p != std::floor(p))
+    reject(column_of('L'), "G10 is understood with L2 P1 to P6 and L20 P1 to P48");
+  AxisValues& system = offsets_[static_cast<std::size_t>(p) - 1 + (l == 20 ? 9 : 0)];
+  for (const int axis : taken_axes()) {
+    double& offset = system[static_cast<std::size_t>(axis)];
+    const double v = target_value(axis);
+    offset = incremental_ ? offset + v : v;
+  }
+  renew_offset();
+}
+
 /// G28, G30: through the point named to the reference point.
 void WordReader::reference(const AxisValues& point) {
   const auto axes = taken_axes();
   if (core_.tcp()) reject(1, "reference move while tool-centre-point control is on");
-  AxisValues via = place();
-  lead_ = {};
+  AxisValues via = path_.place();
+  path_.forget_lead();
   for (const int axis : axes) {
     const double v = target_value(axis);
     via[static_cast<std::size_t>(axis)] = incremental_ ? via[static_cast<std::size_t>(axis)] + v : v;
@@ -178,13 +197,13 @@ void WordReader::reference(const AxisValues& point) {
 }
 
 void WordReader::move(bool machine_coordinates, bool feed_here) {
-  AxisValues to = place();
+  AxisValues to = path_.place();
   const std::uint32_t named = words_ & axis_letters_;
   if (machine_coordinates) {
     if (motion_ > 10) reject(1, "G53 needs G0 or G1");
-    if (compensation_.on()) reject(1, "G53 while cutter compensation is on");
+    if (path_.on()) reject(1, "G53 while cutter compensation is on");
     to = core_.joints();
-    for (std::size_t i = 0; i < 3; ++i) to[i] += lead_[i];
+    for (std::size_t i = 0; i < 3; ++i) to[i] += path_.lead()[i];
   }
   if (motion_ >= 730 && motion_ != 800) return drill();
   last_cycle_ = -1;
@@ -206,34 +225,24 @@ void WordReader::move(bool machine_coordinates, bool feed_here) {
     if (inverse_time_ && !feed_here) reject(1, "F is missing in a block with inverse-time feed");
     if (feed_ == 0) reject(1, "feed not given or zero");
   }
+  if (directions_) {
+    if (motion_ > 10) reject(1, "an arc while tool directions are given by vectors");
+    turn_to_direction(to);
+  }
   if (motion_ <= 10) {
     if (machine_coordinates) {
       const double seconds = motion_ == 0 ? 0 : inverse_time_ ? 60 / feed_ : core_.seconds_at(to, feed_);
-      lead_ = {};
+      path_.forget_lead();
       return core_.move_joints(to, motion_ == 0, seconds);
     }
-    return straight(to);
+    return path_.straight(to, motion_ == 0, {feed_, inverse_time_});
   }
   arc(to, named);
 }
 
-void WordReader::straight(const AxisValues& to) {
-  const bool rapid = motion_ == 0;
-  arc_refused_ = false;
-  if (compensation_.on()) {
-    const AxisValues from = place();
-    double way = std::hypot(to[0] - from[0], to[1] - from[1], to[2] - from[2]);
-    if (way == 0) way = std::hypot(to[3] - from[3], to[4] - from[4]) / kRadPerDegree;
-    return compensation_.move({to, rapid, inverse_time_ ? way * feed_ : feed_, {}});
-  }
-  lead_ = {};
-  core_.move(to, rapid, rapid ? 0 : inverse_time_ ? 60 / feed_ : core_.seconds_at(to, feed_));
-}
-
 void WordReader::arc(const AxisValues& to, std::uint32_t named) {
-  if (arc_refused_) reject(1, "the move after G40 must be straight");
-  const int u = kPlanes[plane_][0], v = kPlanes[plane_][1], w = kPlanes[plane_][2];
-  const AxisValues from = place();
+  const int u = kPlanes[plane_][0], v = kPlanes[plane_][1];
+  const AxisValues from = path_.place();
   const bool clockwise = motion_ == 20;
   double cu = 0, cv = 0, extra_turns = 0;
   if (has('P')) {
@@ -257,10 +266,7 @@ void WordReader::arc(const AxisValues& to, std::uint32_t named) {
   }
   double turn = turn_between(std::atan2(from[v] - cv, from[u] - cu), std::atan2(to[v] - cv, to[u] - cu), clockwise);
   turn += (clockwise ? -2 : 2) * kPi * extra_turns;
-  const double length = std::hypot(std::hypot(from[u] - cu, from[v] - cv) * turn, to[w] - from[w]);
-  if (compensation_.on())
-    return compensation_.move({to, false, inverse_time_ ? length * feed_ : feed_, ContourMove::Arc{cu, cv, turn}});
-  core_.arc(to, u, v, cu, cv, turn, inverse_time_ ? 60 / feed_ : length * 60 / feed_);
+  path_.arc(to, u, v, cu, cv, turn, {feed_, inverse_time_});
 }
 
 }  // namespace lightmill::detail

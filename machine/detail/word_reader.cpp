@@ -4,18 +4,20 @@
 namespace lightmill::detail {
 
 namespace {
-std::string code_name(int tenths) {
-  return std::to_string(tenths / 10) + (tenths % 10 != 0 ? "." + std::to_string(tenths % 10) : "");
+constexpr std::uint32_t kDirectionLetters = bit('I') | bit('J') | bit('K');
 }
-}  // namespace
 
 WordReader::WordReader(std::string_view text, bool fanuc, ReaderCore& core)
-    : fanuc_(fanuc), core_(core), lines_(split_lines(text)), compensation_(core) {
+    : ExpressionReader(word_grammar(fanuc)),
+      fanuc_(fanuc),
+      core_(core),
+      lines_(split_lines(text)),
+      path_(core) {
   for (const char letter : {'X', 'Y', 'Z', 'A', 'B', 'C'}) {
     if (core.axis_of(letter) >= 0) axis_letters_ |= bit(letter);
   }
   core_.set_offset(core_.setup.offsets[0]);
-  offsets_ = core_.setup.offsets;
+  std::copy(core_.setup.offsets.begin(), core_.setup.offsets.end(), offsets_.begin());
   to_r_level_ = !fanuc;  // LinuxCNC starts in G99, as its rs274 shows
 }
 
@@ -29,7 +31,7 @@ ReadResult WordReader::run() {
       read_block(lines_[at_]);
       at_ = next_;
     }
-    compensation_.flush();
+    path_.flush();
     if (!ended_) {
       core_.line = static_cast<long>(lines_.size());
       if (percents_ < 2) reject(1, "the file ends without M2, M30 or a closing %");
@@ -95,7 +97,9 @@ void WordReader::read_block(std::string_view line) {
     if (!read_digits(p_, end_, n) || p_ != end_) reject(column(), "a program number stands alone on its line");
     return;
   }
+  if (fanuc_ && p_ != end_ && statement()) return;
   words_ = 0;
+  reads_arguments_ = false;
   polar_radius_.reset();
   polar_angle_.reset();
   settings_.clear();
@@ -135,8 +139,10 @@ void WordReader::read_word(std::uint32_t& groups) {
   }
   if (letter < 'A' || letter > 'Z') reject(where, "a word must begin with a letter");
   ++p_;
+  if (reads_arguments_ && read_argument(letter, where)) return;
   point_ = true;
   const double v = value();
+  if (std::isnan(v)) return;  // Fanuc: a word whose variable is empty counts for nothing
   if (letter == 'G' || letter == 'M') {
     const double rounded = std::round(v * 10);
     if (!(rounded >= 0 && rounded < 10000) || std::abs(v * 10 - rounded) > 1e-6) reject(where, "unknown code");
@@ -151,6 +157,11 @@ void WordReader::read_word(std::uint32_t& groups) {
     if ((groups & mark) != 0) reject(where, "two codes of one modal group in a block");
     groups |= mark;
     codes_.push_back({letter, tenths, group});
+    reads_arguments_ = letter == 'G' && fanuc_ && (tenths == 650 || tenths == 660);
+    if (reads_arguments_) {
+      arguments_.clear();
+      ijk_ = {};
+    }
     return;
   }
   const bool axis = (axis_letters_ & bit(letter)) != 0;
@@ -162,230 +173,6 @@ void WordReader::read_word(std::uint32_t& groups) {
   words_ |= bit(letter);
   values_[index_of(letter)] = v;
   word_columns_[index_of(letter)] = where;
-}
-
-int WordReader::g_group(int tenths) const {
-  switch (tenths) {
-    case 0:
-    case 10:
-    case 20:
-    case 30:
-    case 800:
-    case 810:
-    case 820:
-    case 830:
-      return 1;
-    case 850:
-    case 890:
-      return 1;
-    case 50:
-    case 52:
-    case 53:
-    case 382:
-    case 383:
-    case 384:
-    case 385:
-    case 730:
-    case 740:
-    case 840:
-    case 860:
-    case 870:
-    case 880:
-      return fanuc_ ? -1 : 1;
-    case 170:
-    case 180:
-    case 190:
-      return 2;
-    case 900:
-    case 910:
-      return 3;
-    case 901:
-    case 911:
-      return fanuc_ ? -1 : 4;
-    case 930:
-    case 940:
-      return 5;
-    case 200:
-    case 210:
-      return 6;
-    case 400:
-      return 7;
-    case 410:
-    case 411:
-    case 420:
-    case 421:
-      return fanuc_ ? -1 : 7;
-    case 430:
-    case 490:
-      return 8;
-    case 431:
-      return fanuc_ ? -1 : 8;
-    case 434:
-      return fanuc_ ? 8 : -1;
-    case 980:
-    case 990:
-      return 10;
-    case 540:
-    case 550:
-    case 560:
-    case 570:
-    case 580:
-    case 590:
-      return 12;
-    case 591:
-    case 592:
-    case 593:
-      return fanuc_ ? -1 : 12;
-    case 610:
-    case 640:
-      return 13;
-    case 611:
-      return fanuc_ ? -1 : 13;
-    case 40:
-    case 280:
-    case 530:
-      return 0;
-    case 300:
-    case 100:
-    case 920:
-    case 921:
-    case 922:
-    case 923:
-    case 281:
-    case 301:
-    case 520:
-      return fanuc_ ? -1 : 0;
-    case 51:
-      return fanuc_ ? 0 : 1;
-    case 432:
-      return fanuc_ ? -1 : 8;
-    case 80:
-      return fanuc_ ? -1 : 15;  // the diameters of lathes are not for this machine: G7 is refused
-    case 970:
-      return fanuc_ ? -1 : 14;
-    default:
-      return -1;
-  }
-}
-
-int WordReader::m_group(int tenths) const {
-  if (tenths % 10 != 0) return -1;
-  switch (tenths / 10) {
-    case 0:
-    case 1:
-    case 2:
-    case 30:
-      return 4;
-    case 60:
-      return fanuc_ ? -1 : 4;
-    case 3:
-    case 4:
-    case 5:
-      return 7;
-    case 6:
-      return 6;
-    case 7:
-    case 8:
-    case 9:
-      return 8;
-    case 48:
-    case 49:
-    case 50:
-    case 51:
-    case 52:
-    case 53:
-      return fanuc_ ? -1 : 9;
-    case 62:
-    case 63:
-    case 64:
-    case 65:
-    case 66:
-    case 67:
-    case 68:
-      return fanuc_ ? -1 : 5;
-    case 70:
-    case 71:
-    case 72:
-    case 73:
-      return fanuc_ ? -1 : 5;
-    case 428:
-    case 429:
-      return fanuc_ ? -1 : 10;  // the trunnion configurations' remaps
-    case 98:
-    case 99:
-      return fanuc_ ? 4 : -1;
-    default:
-      return -1;
-  }
-}
-
-void WordReader::take_g(const Code& g, Request& request) {
-  const int code = g.tenths / 10;
-  switch (g.group) {
-    case 0:
-      request.shot = g.tenths;
-      break;
-    case 1:
-      request.motion = g.tenths;
-      break;
-    case 2:
-      plane_ = code - 17;
-      break;
-    case 3:
-      incremental_ = code == 91;
-      break;
-    case 4:
-      centre_absolute_ = g.tenths == 901;
-      break;
-    case 5:
-      request.feed_mode = code;
-      break;
-    case 6:
-      unit_ = code == 20 ? kMmPerInch : 1;
-      break;
-    case 7:
-      request.compensation = g.tenths;
-      break;
-    case 8:
-      request.length = g.tenths;
-      break;
-    case 10:
-      to_r_level_ = code == 99;
-      break;
-    case 12:
-      request.offset = g.tenths >= 591 ? g.tenths - 591 + 6 : code - 54;
-      break;
-    case 13:
-      set_corners(g.tenths);
-      break;
-    default:
-      break;
-  }
-}
-
-void WordReader::set_corners(int tenths) {
-  core_.exact_stop = tenths == 611 || (fanuc_ && tenths == 610);
-  core_.corner_tolerance_mm = fanuc_ ? -1 : tenths == 640 ? std::numeric_limits<double>::infinity() : 0;
-  if (tenths != 640) return;
-  if (has('P')) core_.corner_tolerance_mm = unit_ * std::abs(use('P'));
-  if (has('Q')) use('Q');
-}
-
-void WordReader::take_m(int code, Request& request) {
-  if (code <= 2 || code == 30 || code == 60 || code == 98 || code == 99)
-    request.stop = code;
-  else if (code <= 5)
-    request.spindle = code;
-  else if (code == 6)
-    request.change = true;
-  else if (code <= 9)
-    request.coolant = code;
-  else if (code >= 428)
-    request.tcp = code == 428;
-  else if (code >= 70 && code <= 73)
-    request.keep = code;
-  else if (code >= 50)
-    request.signal = code;
 }
 
 bool WordReader::set_feed(int feed_mode, double unit) {
@@ -420,7 +207,7 @@ void WordReader::set_speed_and_tool(Request& request) {
   }
   if (request.spindle >= 0) {
     spindle_ = request.spindle;
-    tell(ProgramStep::kSpindle, spindle_, spindle_ == 5 ? 0 : rpm_);
+    path_.say(ProgramStep::kSpindle, spindle_, spindle_ == 5 ? 0 : rpm_);
   }
 }
 
@@ -428,15 +215,15 @@ void WordReader::dwell() {
   const char letter = fanuc_ && has('X') && !has('P') ? 'X' : 'P';
   const double time = need(letter, "G4");
   if (time < 0) reject(column_of(letter), "negative time");
-  tell(ProgramStep::kDwell, 0, fanuc_ && letter == 'P' ? time / 1000 : time);
+  path_.say(ProgramStep::kDwell, 0, fanuc_ && letter == 'P' ? time / 1000 : time);
 }
 
 /// What LinuxCNC does not take while cutter compensation is on.
 void WordReader::refuse_beside_compensation(const Code& code) {
-  if (!compensation_.on()) return;
+  if (!path_.on()) return;
   const bool refused =
       code.letter == 'G'
-          ? code.group == 8 || code.group == 10 || code.group == 12 || code.group == 13 ||
+          ? code.group == 8 || code.group == 9 || code.group == 10 || code.group == 12 || code.group == 13 ||
                 (code.group == 0 && code.tenths > 40 && code.tenths != 100 && code.tenths < 921) ||
                 (code.group == 2 && code.tenths / 10 - 17 != plane_)
           : code.group == 6 || code.group == 9 || code.group == 10 || (code.group == 5 && code.tenths < 700);
@@ -453,10 +240,11 @@ void WordReader::perform() {
     else
       take_m(code.tenths / 10, request);
   }
+  refuse_in_tilted_plane(request);
   const bool feed_here = set_feed(request.feed_mode, fanuc_ ? unit_ : unit /* LinuxCNC takes F before G20 and G21 */);
   set_speed_and_tool(request);
   if (request.signal >= 0) signal(request.signal);
-  if (request.coolant >= 0) tell(ProgramStep::kCoolant, request.coolant);
+  if (request.coolant >= 0) path_.say(ProgramStep::kCoolant, request.coolant);
   if (request.shot == 40) dwell();
   if (request.shot == 51) {
     const double q = need('Q', "G5.1");
@@ -470,8 +258,11 @@ void WordReader::perform() {
   if (request.compensation >= 0) set_compensation(request.compensation);
   bool axes_taken = request.length >= 0 && set_length(request.length);
   if (request.tcp >= 0) core_.set_tcp(request.tcp == 1);
+  if (request.plane >= 0) take_plane(request.plane);
+  if (request.shot == 531) turn_to_plane();
   axes_taken |= shift(request.shot);
 
+  bool moved = false;
   const bool other = request.motion >= 0 && request.motion != motion_;
   if (motion_ == 52 && other && request.motion != 53) reject(1, "only G5.2 may stand between G5.2 and G5.3");
   if (request.motion == 53) {
@@ -480,7 +271,7 @@ void WordReader::perform() {
   }
   if (request.motion >= 0) motion_ = request.motion;
   if (motion_ == 800) last_cycle_ = -1;
-  const bool axes = (words_ & axis_letters_) != 0 || polar();
+  const bool axes = (words_ & axis_letters_) != 0 || polar() || (directions_ && (words_ & kDirectionLetters) != 0);
   if (motion_ == 52) {
     if (axes || request.motion == 52) add_control_point(other, feed_here);
   } else if (request.motion == 800) {
@@ -488,21 +279,24 @@ void WordReader::perform() {
   } else if (axes || request.motion >= 20) {
     if (axes_taken) reject(1, "two codes want the axis words");
     move(request.shot == 530, feed_here);
+    moved = true;
   }
+  if (request.macro >= 0) take_macro_call(request.macro);
   if (request.keep >= 0) keep_modes(request.keep);
-  if ((words_ & ~bit('N')) != 0 && !(fanuc_ && request.stop == 98)) {
+  if ((words_ & ~bit('N')) != 0 && request.stop < 98) {
     for (char c = 'A'; c <= 'Z'; ++c) {
       if (has(c)) reject(column_of(c), std::string("word ") + c + " has no use in this block");
     }
   }
   stop(request.stop);
+  if (moved && request.stop < 98) call_modal();
 }
 
 void WordReader::stop(int code) {
   if (code == 2 || code == 30)
-    compensation_.stop();
+    path_.stop();
   else if (code == 0 || code == 1 || code == 60)
-    compensation_.flush();
+    path_.flush();
   switch (code) {
     case 0:
     case 1:
@@ -513,10 +307,9 @@ void WordReader::stop(int code) {
       ended_ = true;
       return core_.say(ProgramStep::kEnd, code);
     case 98:
-      return call_fanuc();
+      return call_subprogram();
     case 99:
-      if (frames_.empty()) reject(1, "M99 outside of a subprogram");
-      return leave_sub();
+      return leave_program();
     default:
       return;
   }

@@ -3,10 +3,13 @@
 #pragma once
 
 #include <bit>
+#include <map>
 #include <optional>
+#include <tuple>
 #include <unordered_map>
 
 #include "machine/detail/cutter_compensation.h"
+#include "machine/detail/expressions.h"
 #include "machine/detail/splines.h"
 
 namespace lightmill::detail {
@@ -18,10 +21,12 @@ constexpr std::uint32_t bit(char letter) {
   return 1U << (letter - 'A');
 }
 
-/// The plane's axes in the order of a right-handed turn, and the axis across: G17, G18, G19.
-inline constexpr int kPlanes[3][3] = {{0, 1, 2}, {2, 0, 1}, {1, 2, 0}};
+inline constexpr std::size_t kDeepestCall = 10;
+inline constexpr std::size_t kMoreOffsets = 48;  // G54.1 P1 to P48
 
-class WordReader {
+const Grammar& word_grammar(bool fanuc);
+
+class WordReader : private ExpressionReader {
  public:
   WordReader(std::string_view text, bool fanuc, ReaderCore& core);
   ReadResult run();
@@ -29,31 +34,29 @@ class WordReader {
  private:
   // --- A line's text, without blanks and comments, in capitals: word_reader.cpp ---
   void prepare(std::string_view line);
-  [[nodiscard]] int column() const {
+  [[nodiscard]] int column() const override {
     const auto i = static_cast<std::size_t>(p_ - text_.data());
     return columns_.empty() ? 1 : columns_[std::min(i, columns_.size() - 1)];
   }
-  bool take(std::string_view word) {
-    if (!std::string_view(p_, static_cast<std::size_t>(end_ - p_)).starts_with(word)) return false;
-    p_ += word.size();
-    return true;
-  }
 
-  // --- Numbers, parameters, functions, expressions: word_expressions.cpp ---
-  double value(int depth = 0);
+  // --- Parameters and functions with a syntax of their own: word_expressions.cpp ---
+  bool operand(double& v, int depth) override;
   std::string name_end();
   double* named(const std::string& name);
   double parameter(int depth);
   static int address(double v, int where);
   double numbered(int n);
-  double bracket(int depth);
-  double level(int strength, int depth);
 
   // --- O-words, subprograms, kept modes: word_flow.cpp ---
   struct Frame {
     std::size_t back;
     std::unordered_map<int, double> saved;
     std::size_t loops;
+    int locals = 0;  ///< parameters of its own, from 1 on
+    std::size_t start = 0;
+    long left = 0;  ///< repeats to come, from `start`
+    std::unordered_map<int, double> arguments{};
+    bool modal = false;
   };
   /// What M70 keeps.
   struct Modes {
@@ -73,11 +76,37 @@ class WordReader {
                    std::string_view* found = nullptr);
   void leave_sub();
   void enter_sub(Frame frame);
+  void set_locals(const std::unordered_map<int, double>& values, int count);
   void keep_modes(int code);
   void restore();
   void leave_loop(const std::string& name, int where, bool again);
   void flow();
-  void call_fanuc();
+
+  // --- Fanuc's custom macros: word_macro.cpp ---
+  struct Mark {
+    std::size_t line;
+    char kind;  ///< N and O with their numbers, D and E for DO and END
+    double number;
+  };
+  struct MacroCall {
+    std::size_t line;
+    double times;
+    std::unordered_map<int, double> arguments;
+  };
+  void look_through();
+  long find_mark(char kind, double number, bool backwards);
+  std::size_t find_program(double number, int where);
+  double variable(double n, int where);
+  void assign();
+  void go_to(double n, int where);
+  bool statement();
+  bool read_argument(char letter, int where);
+  double repeats(double program);
+  void call(std::size_t line, double times, const std::unordered_map<int, double>* arguments, bool modal);
+  void call_subprogram();
+  void take_macro_call(int tenths);
+  void call_modal();
+  void leave_program();
 
   // --- A block and its codes: word_reader.cpp ---
   struct Code {
@@ -87,16 +116,18 @@ class WordReader {
   /// What a block's codes ask for; -1: nothing of the kind.
   struct Request {
     int motion = -1, compensation = -1, length = -1, shot = -1, offset = -1, feed_mode = -1, stop = -1, spindle = -1,
-        coolant = -1, tcp = -1, keep = -1, signal = -1;
+        coolant = -1, tcp = -1, keep = -1, signal = -1, plane = -1, macro = -1;
     bool change = false;
   };
   void read_block(std::string_view line);
   void read_word(std::uint32_t& groups);
+  static std::string code_name(int tenths);
   [[nodiscard]] int g_group(int tenths) const;
   [[nodiscard]] int m_group(int tenths) const;
   void take_g(const Code& g, Request& request);
   void take_m(int code, Request& request);
   void set_corners(int tenths);
+  void refuse_in_tilted_plane(const Request& request) const;
   [[nodiscard]] bool has(char letter) const { return (words_ & bit(letter)) != 0; }
   double use(char letter) {
     words_ &= ~bit(letter);
@@ -112,32 +143,29 @@ class WordReader {
   bool set_feed(int feed_mode, double unit);
   void set_speed_and_tool(Request& request);
   void refuse_beside_compensation(const Code& code);
-  /// Behind the move that cutter compensation holds back.
-  void tell(ProgramStep::Kind kind, int number, double value = 0) {
-    if (compensation_.on())
-      compensation_.say(kind, number, value);
-    else
-      core_.say(kind, number, value);
-  }
   void dwell();
   void stop(int code);
 
   // --- Offsets, lengths, moves and arcs: word_motion.cpp ---
   void renew_offset();
-  /// Where the program means to stand: with cutter compensation the contour's point.
-  [[nodiscard]] AxisValues place() const;
   void set_compensation(int tenths);
   bool set_length(int tenths);
+  int more_offset();
   bool shift(int tenths);
   std::vector<int> taken_axes();
   double target_value(int axis);
   [[nodiscard]] bool polar() const { return polar_radius_ || polar_angle_; }
   std::pair<double, double> polar_end();
   void set_data();
+  void set_fanuc_offset(double l, double p);
   void reference(const AxisValues& home);
   void move(bool machine_coordinates, bool feed_here);
-  void straight(const AxisValues& to);
   void arc(const AxisValues& to, std::uint32_t named);
+
+  // --- Fanuc's tilted planes and tool directions: word_planes.cpp ---
+  void take_plane(int tenths);
+  void turn_to_plane();
+  void turn_to_direction(AxisValues& to);
 
   // --- Canned cycles: word_cycles.cpp ---
   /// The sticky words of a cycle.
@@ -169,8 +197,6 @@ class WordReader {
   int percents_ = 0;
   std::string text_;
   std::vector<int> columns_;
-  const char *p_ = nullptr, *end_ = nullptr;
-  bool point_ = false;
   std::unordered_map<int, double> numbers_;
   std::unordered_map<std::string, double> globals_;
   std::vector<std::unordered_map<std::string, double>> locals_{1};
@@ -178,6 +204,13 @@ class WordReader {
   std::vector<Frame> frames_;
   std::vector<Loop> loops_;
   std::vector<std::pair<std::string, double>> settings_;
+  bool looked_through_ = false;
+  std::vector<Mark> marks_;
+  std::map<std::tuple<std::size_t, char, double>, long> jumps_;
+  std::optional<MacroCall> modal_call_;
+  bool reads_arguments_ = false;
+  std::unordered_map<int, double> arguments_;
+  std::array<int, 3> ijk_{};
   std::uint32_t words_ = 0, axis_letters_ = 0;
   std::array<double, 26> values_{};
   std::array<int, 26> word_columns_{};
@@ -192,11 +225,11 @@ class WordReader {
   std::array<double, 2> spline_direction_{};  ///< in which the next G5 without I and J begins
   std::array<AxisValues, 2> references_{};    ///< of G28 and G30
   std::size_t offset_ = 0;
-  std::array<AxisValues, 9> offsets_{};
+  std::array<AxisValues, 9 + kMoreOffsets> offsets_{};
   AxisValues shift_{}, kept_shift_{};
-  CutterCompensation compensation_;
-  AxisValues lead_{};         ///< from where the machine stands to where the program means: after G40, up to a move
-  bool arc_refused_ = false;  ///< by the move after G40
+  AxisValues local_shift_{};    ///< Fanuc's G52; LinuxCNC has it in the same place as G92
+  bool directions_ = false;  ///< I, J and K are the tool's: G43.5
+  CutterCompensation path_;
   std::vector<std::optional<Modes>> saved_{1};
   std::vector<bool> restores_{false};  ///< M73: at the subprogram's return
   std::optional<double> polar_radius_, polar_angle_;

@@ -6,10 +6,10 @@ namespace lightmill::detail {
 /// G38.2 to G38.5: there is never a contact.
 void WordReader::probe() {
   constexpr double kShortest_mm = 0.254;
-  if (compensation_.on()) reject(1, "probing while cutter compensation is on");
+  if (path_.on()) reject(1, "probing while cutter compensation is on");
   if (feed_ == 0) reject(1, "feed not given or zero");
   if (motion_ >= 384) reject(1, "the probe has no contact that could open");
-  const AxisValues from = place();
+  const AxisValues from = path_.place();
   AxisValues to = from;
   for (const int axis : taken_axes()) {
     const auto i = static_cast<std::size_t>(axis);
@@ -19,7 +19,7 @@ void WordReader::probe() {
   }
   const double way = std::hypot(to[0] - from[0], to[1] - from[1], to[2] - from[2]);
   if (way < kShortest_mm) reject(1, "a probing move that is too short");
-  lead_ = {};
+  path_.forget_lead();
   core_.move(to, false, inverse_time_ ? 60 / feed_ : core_.seconds_at(to, feed_));
   if (motion_ == 382) reject(1, "the probe made no contact");
   for (int axis = 0; axis < 3; ++axis) numbers_[5061 + axis] = to[static_cast<std::size_t>(axis)] / unit_;
@@ -52,7 +52,7 @@ void WordReader::signal(int code) {
   if (wait != 0 && !(most > 0)) reject(1, "M66 that waits needs a time Q");
   // To rise, to fall and to be high an input that stays low takes all the time.
   const bool in_vain = wait >= 1 && wait <= 3;
-  if (in_vain) tell(ProgramStep::kDwell, 0, most);
+  if (in_vain) path_.say(ProgramStep::kDwell, 0, most);
   numbers_[5399] = in_vain ? -1 : 0;
 }
 

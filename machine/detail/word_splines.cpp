@@ -9,7 +9,7 @@ constexpr int kHighestOrder = 20;
 }  // namespace
 
 AxisValues WordReader::spline_end() {
-  const AxisValues from = place();
+  const AxisValues from = path_.place();
   AxisValues to = from;
   for (const int axis : taken_axes()) {
     if (axis > 1) reject(1, "splines move X and Y only");
@@ -21,7 +21,7 @@ AxisValues WordReader::spline_end() {
 }
 
 void WordReader::refuse_spline_modes(bool feed_here) const {
-  if (compensation_.on()) reject(1, "splines while cutter compensation is on");
+  if (path_.on()) reject(1, "splines while cutter compensation is on");
   if (plane_ != 0) reject(1, "splines need G17");
   if (inverse_time_ && !feed_here) reject(1, "F is missing in a block with inverse-time feed");
   if (feed_ == 0) reject(1, "feed not given or zero");
@@ -30,7 +30,7 @@ void WordReader::refuse_spline_modes(bool feed_here) const {
 /// G5 and G5.1: the inner control points are seen from the start (I, J) and from the end (P, Q).
 void WordReader::bezier(bool cubic, bool feed_here) {
   refuse_spline_modes(feed_here);
-  const AxisValues from = place(), to = spline_end();
+  const AxisValues from = path_.place(), to = spline_end();
   if (has('I') != has('J') || (!cubic && !has('I'))) reject(1, "I and J belong together in a spline");
   if (cubic && (!has('P') || !has('Q'))) reject(1, "G5 needs P and Q");
   std::vector<ControlPoint> points{{from[0], from[1]}};
@@ -60,7 +60,7 @@ void WordReader::add_control_point(bool fresh, bool feed_here) {
   if (x && !(weight > 0)) reject(1, "a control point needs a positive weight P");
   if (first) {
     spline_order_ = 3;
-    const AxisValues from = place();
+    const AxisValues from = path_.place();
     control_points_.push_back({from[0], from[1], !x && weight > 0 ? weight : 1});
   }
   if (has('L')) {
@@ -79,7 +79,7 @@ void WordReader::end_spline(bool after_points) {
   if (!after_points) reject(1, "G5.3 without G5.2 before it");
   if (control_points_.size() < static_cast<std::size_t>(spline_order_))
     reject(1, "a spline of order " + std::to_string(spline_order_) + " needs as many control points");
-  AxisValues to = place();
+  AxisValues to = path_.place();
   to[0] = control_points_.back().x;
   to[1] = control_points_.back().y;
   follow_spline(control_points_, spline_order_, to);
@@ -87,9 +87,9 @@ void WordReader::end_spline(bool after_points) {
 }
 
 void WordReader::follow_spline(const std::vector<ControlPoint>& points, int order, const AxisValues& to) {
-  arc_refused_ = false;
-  AxisValues at = place();
-  lead_ = {};
+  path_.allow_arcs();
+  AxisValues at = path_.place();
+  path_.forget_lead();
   core_.curve(
       to, static_cast<int>(points.size()) - order + 1,
       [&](double t) {

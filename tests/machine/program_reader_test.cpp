@@ -6,41 +6,15 @@
 #include <random>
 
 #include "machine/kinematics.h"
-#include "machine_rig.h"
+#include "reader_rig.h"
 
 namespace lightmill {
 namespace {
 
-constexpr double kRad = kPi / 180;
-
-struct Reading {
-  ReadResult result;
-  std::vector<ProgramStep> steps, moves;  ///< moves: the programmed points
-};
-
-Reading read(const std::string& text, ReaderDialect dialect = ReaderDialect::kLinuxCnc, long most_blocks = 100000) {
-  ReaderSetup setup;
-  setup.offsets[0] = {10, -5, -400, 0, 0};
-  setup.tool_length_mm = {{1, 80}, {3, 85}};
-  setup.tool_diameter_mm = {{1, 4}};
-  setup.most_blocks = most_blocks;
-  Reading reading;
-  const MachineModel machine = test::skew_machine();
-  reading.result = read_program(text, dialect, machine, setup, [&](const ProgramStep& step) {
-    reading.steps.push_back(step);
-    if (step.kind == ProgramStep::kMove && step.whole) reading.moves.push_back(step);
-  });
-  return reading;
-}
-
-void expect_refused(const std::string& text, const std::string& rule, long line,
-                    ReaderDialect dialect = ReaderDialect::kLinuxCnc) {
-  const Reading r = read(text, dialect);
-  ASSERT_TRUE(r.result.error) << text;
-  EXPECT_NE(r.result.error->rule.find(rule), std::string::npos) << text << ": " << r.result.error->rule;
-  EXPECT_EQ(r.result.error->line, line) << text;
-  EXPECT_GE(r.result.error->column, 1);
-}
+using test::expect_refused;
+using test::kRad;
+using test::read;
+using test::Reading;
 
 TEST(ProgramReader, ArcsInEveryPlaneKeepTheirRadius) {
   const struct {
@@ -338,143 +312,6 @@ TEST(ProgramReader, ReferencePointsAndLocalShifts) {
   EXPECT_EQ(r.moves[5].target[0], 20) << "G54 at 10, G52 by 10 more";
 }
 
-TEST(ProgramReader, FanucCallsSubprograms) {
-  const Reading r = read("%\nO1\nG91\nM98 P200 L3\nM30\nO200\nG0 X2.\nM99\n%\n", ReaderDialect::kFanuc);
-  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
-  ASSERT_EQ(r.moves.size(), 3U);
-  EXPECT_EQ(r.moves.back().target[0], 6);
-}
-
-TEST(ProgramReader, HeidenhainSpeaksInMovesAndCycles) {
-  const Reading r = read(
-      "0 BEGIN PGM LENS MM\n1 BLK FORM 0.1 Z X-30 Y-30 Z-10\n2 CYCL DEF 247 DATUM SETTING ~\n  Q339=+1\n3 TOOL CALL 3 "
-      "Z S20000\n"
-      "4 CYCL DEF 32.0 TOLERANCE\n5 CYCL DEF 32.1 T0.003\n6 L Z-1 R0 FMAX M91\n7 L X+0 Y+0 R0 FMAX M3\n8 L Z+30 FMAX\n"
-      "9 L X+30 F1000\n10 CC X+0 Y+0\n11 C X+0 Y+30 DR+\n12 CR X+30 Y+0 R+30 DR-\n13 LBL 1\n14 L IX+1\n15 CALL LBL 1 "
-      "REP2\n"
-      "16 M128\n17 L X+1 Y+2 Z+30 B+10 C-170\n18 L C+170 M126\n19 M129\n20 L Z-1 R0 FMAX M91 M5\n21 END PGM LENS MM\n",
-      ReaderDialect::kHeidenhain);
-  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
-  EXPECT_TRUE(r.result.ended);
-  ASSERT_EQ(r.moves.size(), 12U);
-  EXPECT_EQ(r.moves[0].target[2], -1);
-  EXPECT_EQ(r.moves[2].target, (AxisValues{10, -5, -400 + 85 + 30, 0, 0}));
-  EXPECT_DOUBLE_EQ(r.moves[3].seconds, 1.8);
-  EXPECT_EQ(r.moves[8].programmed[0], 33);
-  EXPECT_NEAR(r.moves[10].programmed[4], -190 * kRad, 1e-12) << "the short way with M126";
-  WorkpieceView view(test::skew_machine(), {10, -5, -400});
-  const AxisValues& q = r.moves[9].target;
-  EXPECT_LT((view.cutter({q[0], q[1], q[2], q[3], q[4]}, 85).tip_mm - Vec3(1, 2, 30)).norm(), 1e-10);
-
-  const auto refused = [](const std::string& middle, const std::string& rule) {
-    expect_refused("0 BEGIN PGM A MM\n1 " + middle + "\n2 END PGM A MM\n", rule, 2, ReaderDialect::kHeidenhain);
-  };
-  refused("L X+1 RL F100", "not understood");
-  refused("L X+1", "feed not given");
-  refused("L X1e5 FMAX", "bad number");
-  refused("M116", "not understood");
-  refused("C X+0 Y+1 DR+ F100", "CC");
-  refused("CYCL DEF 200 DRILLING", "cycle 200");
-  refused("CALL LBL 7", "not set");
-  refused("L X+1 FMAX M91 M128", "machine coordinates");
-  expect_refused("0 BEGIN PGM A MM\n2 END PGM A MM\n", "block number 1", 2, ReaderDialect::kHeidenhain);
-  expect_refused("0 BEGIN PGM A MM\n1 END PGM B MM\n", "must name", 2, ReaderDialect::kHeidenhain);
-  expect_refused("0 BEGIN PGM A MM\n1 M128\n2 TOOL CALL 1 Z S5000\n3 END PGM A MM\n", "M129", 3,
-                 ReaderDialect::kHeidenhain);
-}
-
-TEST(ProgramReader, HeidenhainTimesBlocks) {
-  const Reading r =
-      read("0 BEGIN PGM A MM\n1 L X+1 F600\n2 L X+2 B+5 FT0.25\n3 L X+3\n4 END PGM A MM\n", ReaderDialect::kHeidenhain);
-  ASSERT_FALSE(r.result.error) << r.result.error->rule;
-  ASSERT_EQ(r.moves.size(), 3U);
-  EXPECT_DOUBLE_EQ(r.moves[1].seconds, 0.25);
-  EXPECT_DOUBLE_EQ(r.moves[2].seconds, 0.1) << "the feed per minute is in force again";
-  expect_refused("0 BEGIN PGM A MM\n1 L X+1 FT0\n2 END PGM A MM\n", "FT takes", 2, ReaderDialect::kHeidenhain);
-}
-
-TEST(ProgramReader, HeidenhainSpeaksDinIsoToo) {
-  const Reading r = read(
-      "%LENS G71 *\nN10 G30 G17 X-30 Y-30 Z-10 *\nN20 G31 G90 X+30 Y+30 Z+0 *\nN30 G247 Q339=+1 *\nN40 T3 G17 S20000 "
-      "DL-2 *\n"
-      "N50 G00 G40 Z-1 M91 *\nN60 X+0 Y+0 M3 *\nN70 G04 F8 *\nN80 Z+30 *\nN90 G01 X+30 F1000 *\nN100 G03 X+0 Y+30 I+0 "
-      "J+0 *\n"
-      "N110 G01 G91 X+1 *\nN120 G90 M126 *\nN130 G00 C-170 *\nN140 C+170 *\nN150 M128 *\nN160 G01 X+1 Y+2 Z+30 B+10 *\n"
-      "N170 M129 *\nN180 G00 Z-1 M91 M5 *\nN190 ; the end\nN200 M30 *\nN99999999 %LENS G71 *\n",
-      ReaderDialect::kHeidenhainIso);
-  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
-  EXPECT_TRUE(r.result.ended);
-  ASSERT_EQ(r.moves.size(), 10U);
-  EXPECT_EQ(r.moves[0].target[2], -1);
-  EXPECT_EQ(r.moves[2].target, (AxisValues{10, -5, -400 + 83 + 30, 0, 0})) << "DL shortens the tool";
-  EXPECT_DOUBLE_EQ(r.moves[3].seconds, 1.8);
-  EXPECT_NEAR(r.moves[4].programmed[1], 30, 1e-12);
-  EXPECT_NEAR(r.moves[5].programmed[0], 1, 1e-12);
-  EXPECT_NEAR(r.moves[7].programmed[4], -190 * kRad, 1e-12);
-  WorkpieceView view(test::skew_machine(), {10, -5, -400});
-  const AxisValues& q = r.moves[8].target;
-  EXPECT_LT((view.cutter({q[0], q[1], q[2], q[3], q[4]}, 83).tip_mm - Vec3(1, 2, 30)).norm(), 1e-10);
-
-  const auto refused = [](const std::string& block, const std::string& rule) {
-    expect_refused("%A G71 *\nN10 " + block + "\nN99999999 %A G71 *\n", rule, 2, ReaderDialect::kHeidenhainIso);
-  };
-  refused("G01 X+1", "ends with *");
-  refused("G01 X+1 *", "feed not given");
-  refused("G41 X+1 *", "G41 is not understood");
-  refused("M116 *", "M116 is not understood");
-  refused("G00 X+1 X+2 *", "named twice");
-  refused("G00 X1e5 *", "bad number");
-  refused("G62 T0.1 P01 *", "value is missing");
-  refused("G247 Q339=+12 *", "datums");
-  refused("T9 G17 S100 *", "tool table");
-  expect_refused("%A G71 *\nN20 M128 *\nN30 T1 G17 S100 *\n", "M129", 3, ReaderDialect::kHeidenhainIso);
-  expect_refused("%A G71 *\nN20 M8 *\nN20 M9 *\n", "grow", 3, ReaderDialect::kHeidenhainIso);
-  expect_refused("%A G71 *\nN20 M8 *\nN30 %B G71 *\n", "must name", 3, ReaderDialect::kHeidenhainIso);
-}
-
-TEST(ProgramReader, SiemensSuppressesFramesAndTurnsTheShortWay) {
-  const Reading r = read(
-      "; %_N_LENS_MPF\nG17 G40 G71 G90 G94\nG54\nSUPA G0 Z0 D0\nT3 M6\nS20000 M3\nG4 F8\nD1\nG0 X=10 Y2 Z30\nSUPA G0 "
-      "Z-50\n"
-      "SUPA G0 Z-50 D0\nG0 C=DC(190)\nC=DC(10)\nC=AC(-20)\nC=IC(5)\nD1\nTRAORI\nG54\nORIWKS ORIAXES\nG1 X1 Y2 Z30 B10 "
-      "F1200\n"
-      "TRAFOOF\nG93 G1 X2 F60\nM5\nM30\n",
-      ReaderDialect::kSiemens);
-  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
-  ASSERT_EQ(r.moves.size(), 10U);
-  EXPECT_EQ(r.moves[1].target, (AxisValues{20, -3, -400 + 85 + 30, 0, 0}));
-  EXPECT_EQ(r.moves[2].target[2], 35) << "SUPA alone keeps the tool's length";
-  EXPECT_EQ(r.moves[3].target[2], -50);
-  EXPECT_NEAR(r.moves[4].programmed[4], -170 * kRad, 1e-12);
-  EXPECT_NEAR(r.moves[5].programmed[4], 10 * kRad, 1e-12) << "180 degrees on, either way";
-  EXPECT_NEAR(r.moves[7].programmed[4], -15 * kRad, 1e-12);
-  WorkpieceView view(test::skew_machine(), {10, -5, -400});
-  const AxisValues& q = r.moves[8].target;
-  EXPECT_LT((view.cutter({q[0], q[1], q[2], q[3], q[4]}, 85).tip_mm - Vec3(1, 2, 30)).norm(), 1e-10);
-  EXPECT_DOUBLE_EQ(r.moves[9].seconds, 1);
-
-  const auto refused = [](const std::string& block, const std::string& rule) {
-    expect_refused("G54\n" + block + "\nM30\n", rule, 2, ReaderDialect::kSiemens);
-  };
-  refused("G1 X1", "feed not given");
-  refused("G0 X1 X2", "named twice");
-  refused("G0 C=DC(400)", "DC takes");
-  refused("G0 X1Y2", "blanks");
-  refused("G0 X1e5", "blanks");
-  refused("G55 G54", "one group");
-  refused("G41", "G41 is not known");
-  refused("M128", "M code");
-  refused("R1=5", "blanks");
-  refused("CYCLE832(0.1", "')'");
-  refused("T9", "tool table");
-  refused("G4", "seconds");
-  refused("D2", "cutting edges");
-  expect_refused("T1 M6\nTRAORI\nSUPA G0 Z0 D0\nM30\n", "TRAFOOF", 3, ReaderDialect::kSiemens);
-  expect_refused("T1 M6\nTRAORI\nG0 B10\nM30\n", "ORIAXES", 3, ReaderDialect::kSiemens);
-  expect_refused("G93 G1 X1 F60\nX2\nM30\n", "F is missing", 2, ReaderDialect::kSiemens);
-  expect_refused("G0 X1\n", "ends without", 1, ReaderDialect::kSiemens);
-}
-
 TEST(ProgramReader, RefusesWhatItCannotObeyWithLineAndRule) {
   expect_refused("G21\nG1 X1\nM2\n", "feed", 2);
   expect_refused("G93 G1 X1 F1\nX2\nM2\n", "F is missing", 2);
@@ -500,13 +337,13 @@ TEST(ProgramReader, RefusesWhatItCannotObeyWithLineAndRule) {
   expect_refused("o1 sub\no1 call\no1 endsub\no1 call\nM2\n", "too deeply", 2);
   expect_refused("O1\nG0 X10\nM30\n", "decimal point", 2, ReaderDialect::kFanuc);
   expect_refused("O1\nM98 P9\nM30\n", "not in this file", 2, ReaderDialect::kFanuc);
-  expect_refused("O1\nG0 X#1\nM30\n", "number", 2, ReaderDialect::kFanuc);
+  expect_refused("O1\nG0 X\nM30\n", "value is missing", 2, ReaderDialect::kFanuc);
 }
 
 // Seeded mutations of a program: an error or motion, never a crash, a hang or a place that is no number.
 TEST(ProgramReader, SurvivesMutatedPrograms) {
   const std::string seed =
-      "%\no1 sub\nG1 X#1 Y[#2*2] F100\no1 endsub\nN10 T1 M6 G43 H1\no1 call [1] [2]\nG2 X3 I1 J0\nM428\nG93 X1 B10 C20 "
+      "%\no1 sub\nG1 X#1 Y[#2*2] F100\no1 endsub\nN10 T1 M6 G43 H1\no1 call [1] [2]\nG2 X3 I1 J0\nM428\nG93 G1 X1 B10 C20 "
       "F10\nM429\n"
       "G94 G81 X1 Z-1 R2 F5\no2 while [#5 lt 3]\n#5=[#5+1]\no2 endwhile\no3 if [#5 gt 1]\nX1\no3 else\nX2\no3 "
       "endif\nM2\n%\n";
@@ -525,17 +362,39 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       "M3\nCYCLE832(0.002,_ORI_FINISH,0.02)\nD1\nG1 X=1 "
       "Y2 F500\nG2 X3 I1 J0\nTRAORI\nORIWKS ORIAXES\nG1 B10 C=DC(20)\nTRAFOOF\nG93 X1 F10\nM30\n";
   const std::string contour =
-      "T1 M6 F100\nG0 X-10 Y0\nG41 D1 G1 X0\nX10\nY10\nG3 X0 Y20 R10\nG4 P1\nG2 X-5 Y15 I0 J-5\nZ3\nG40 G0 X20\nG5 X10 "
+      "T1 M6 F100\nG0 X-10 Y0\nG41 D1 G1 X0\nX10\nY10\nG3 X0 Y20 R10\nG4 P1\nG2 X-5 Y15 I0 J-5\nG1 Z3\nG40 G0 X20\nG5 X10 "
       "Y5 I3 J4 P-2 "
       "Q1\nG5.2 P2\nX40 Y0 P1 L4\nX45 Y5 P1\nX50 Y6 P2\nG5.3\nG98 G73 X1 Z-1 R1 Q0.7 L2\nG38.3 Z-3\nM66 P0 L3 Q1\nM2\n";
+  const std::string macro =
+      "%\nO1\nT1 M6 G43 H1 F100.\n#100=0\nWHILE[#100LT3]DO1\n#100=#100+1\nIF[#100EQ2]GOTO9\nG65 P2 A#100 B2.\nN9 "
+      "G1 X[SIN[30]*#100]\nEND1\nG66 P2 A1.\nX5.\nG67\nIF[#1EQ#0]THEN#2=1\nM98 P3 L2\nG68.2 X1. I30. J20. K5.\nG53.1 "
+      "P1\nX1. Y2.\nG69\nG43.5 H1\nX2. I1. K2.\nG49\nG54.1 P2\nM30\nO2\nG91 Z-#1\nG90\nM99\nO3\nG41 D1 X9.\nG40 "
+      "X5.\nM99\n%\n";
+  const std::string reckoning =
+      "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S5000\n2 FN 0: Q1 = +0\n3 LBL 1\n4 Q1 = Q1 + 2 * SIN( 30 )\n5 CC X+Q1 "
+      "Y+0\n6 LP PR+5 PA+30 F100\n7 CP IPA+400 IZ-1 DR+\n8 CT X+9 Y+9\n9 FN 12: IF +Q1 LT +3 GOTO LBL 1\n10 L X-9 RL\n11 "
+      "L Y+20\n12 L X+0 R0\n13 PLANE SPATIAL SPA+10 SPB+20 SPC+30 MOVE DIST5 F500\n14 L X+1\n15 PLANE RESET TURN "
+      "FMAX\n16 M128\n17 LN X+1 NX+0 NZ+1 TX+1 TZ+2\n18 END PGM A MM\n";
+  const std::string frames =
+      "G17 G54 F100\nDEF REAL AA=2\nT1 M6\nFOR R1=1 TO 3\nIF R1==2 GOTOF NEXT\nTRANS X=R1\nAROT Z30\nG1 "
+      "X=IC(AA*R1)\nNEXT:\nENDFOR\nWHILE R2<2\nR2=R2+1\nL5 P2\nENDWHILE\nCYCLE800(0,\"T\",0,57,0,0,0,10,20,30,0,0,0,1)\nX1"
+      "\nCYCLE800()\nG41 X9\nG40 Y9\nTRAORI\nORIWKS ORIVECT\nA3=1 C3=2\nTRAFOOF\nG18 G2 X=IC(3) CR=5 TURN=1\nM30\n%_N_L5_SPF\nY"
+      "=MINVAL(R2,1)\nRET\n";
   std::mt19937 random(7);
-  const std::string letters = "GMXYZBCFIJKLOPQRST#[]<>()%/*+-.=0123456789 \n\t";
+  const std::string letters = "GMXYZBCFIJKLOPQRSTD#[]<>()%/*+-.=:,0123456789 \n\t";
+  const struct {
+    const std::string& text;
+    ReaderDialect dialect;
+  } seeds[] = {{conversational, ReaderDialect::kHeidenhain}, {iso, ReaderDialect::kHeidenhainIso},
+               {siemens, ReaderDialect::kSiemens},           {contour, ReaderDialect::kLinuxCnc},
+               {seed, ReaderDialect::kLinuxCnc},             {macro, ReaderDialect::kFanuc},
+               {reckoning, ReaderDialect::kHeidenhain},      {frames, ReaderDialect::kSiemens}};
+  for (const auto& [text, dialect] : seeds) {
+    const Reading whole = read(text, dialect);
+    EXPECT_FALSE(whole.result.error) << text << whole.result.error->line << ": " << whole.result.error->rule;
+  }
   for (int run = 0; run < 3000; ++run) {
-    std::string text = run % 5 == 0   ? conversational
-                       : run % 5 == 1 ? iso
-                       : run % 5 == 2 ? siemens
-                       : run % 5 == 3 ? contour
-                                      : seed;
+    std::string text = seeds[static_cast<std::size_t>(run) % std::size(seeds)].text;
     for (unsigned n = random() % 6 + 1; n > 0; --n) {
       const std::size_t at = random() % text.size();
       switch (random() % 3) {

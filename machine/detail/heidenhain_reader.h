@@ -1,0 +1,111 @@
+// Heidenhain conversational (TNC) programs: one reader, its parts in sources of their own.
+#pragma once
+
+#include <optional>
+#include <unordered_map>
+
+#include "machine/detail/cutter_compensation.h"
+#include "machine/detail/expressions.h"
+
+namespace lightmill::detail {
+
+class HeidenhainReader : private ExpressionReader {
+ public:
+  HeidenhainReader(std::string_view text, ReaderCore& core);
+  ReadResult run();
+
+ private:
+  // --- Blocks and what they say but motion: heidenhain_reader.cpp ---
+  void check_frame();
+  bool split(std::string_view line);
+  [[nodiscard]] bool is(std::size_t i, std::string_view text) const {
+    return i < tokens_.size() && tokens_[i].text == text;
+  }
+  void expect_end(std::size_t i) const {
+    if (i < tokens_.size()) reject(tokens_[i].column, "'" + std::string(tokens_[i].text) + "' is not understood here");
+  }
+  [[noreturn]] void incomplete() const {
+    reject(tokens_.empty() ? 1 : tokens_.back().column, "the block is not complete");
+  }
+  void read_block();
+  void frame(bool begin);
+  void tool();
+  void cycle();
+  void cycle_247(std::size_t i);
+  void function();
+  void preset(double n, int column);
+  void renew_offset();
+  void set_tcp(bool on);
+  void refuse_beside_compensation(const char* what) const {
+    if (path_.on()) reject(tokens_[0].column, std::string(what) + " while cutter compensation is on");
+  }
+  void modes(std::size_t i);
+  void finish();
+
+  // --- Q parameters, labels, jumps: heidenhain_flow.cpp ---
+  [[nodiscard]] int column() const override;
+  bool operand(double& v, int depth) override;
+  /// Sets the cursor on the block from this word on.
+  void read_from(std::size_t token);
+  /// A word's value: a number or a Q parameter, with a sign if need be.
+  double number(std::string_view text, int column);
+  int q_number();
+  void formula();
+  void fn();
+  void fn_jump(int code);
+  void jump_to(std::string_view label, int column);
+  void label();
+  void call();
+
+  // --- Paths: heidenhain_motion.cpp ---
+  struct Path {
+    AxisValues words{};
+    std::array<bool, 5> named{};
+    bool rotary_absolute[2] = {false, false};
+    bool axes = false;
+    std::optional<double> radius;  ///< R of CR
+    int sense = 0;                 ///< DR
+    std::optional<double> polar_radius, polar_angle;
+    bool radius_adds = false, angle_adds = false;
+  };
+  bool axis_word(const Token& token, AxisValues& to, const AxisValues& from, bool* absolute_rotary = nullptr);
+  void circle_centre();
+  void move(std::string_view kind);
+  std::size_t read_path(Path& path, std::string_view kind, const AxisValues& from);
+  void set_compensation();
+  void straight(const AxisValues& to, bool axes);
+  void polar_end(const Path& path, const AxisValues& from, AxisValues& to);
+  void arc(std::string_view kind, const Path& path, const AxisValues& from, AxisValues to);
+  void vector_move();
+
+  // --- Tilted planes: heidenhain_plane.cpp ---
+  void plane();
+  void turn_to_plane(std::string_view how, double distance_mm, double feed, const RotaryAngles& angles);
+
+  ReaderCore& core_;
+  CutterCompensation path_;
+  std::vector<std::string_view> lines_;
+  std::size_t at_ = 0, next_ = 0;
+  std::vector<Token> tokens_;
+  std::string_view line_;
+  long number_ = 0;
+  bool continued_ = false, begun_ = false, ended_ = false, cycle_247_ = false;
+  std::string_view name_;
+  std::unordered_map<std::string_view, std::size_t> labels_;
+  std::unordered_map<std::size_t, long> repeats_;
+  std::vector<std::size_t> calls_;
+  std::unordered_map<int, double> q_;
+  double unit_ = 1, feed_ = 0, rpm_ = 0;
+  double block_seconds_ = 0;  ///< FT: of this block alone
+  int tool_ = 0, spindle_ = 5;
+  bool shortest_ = false, fmax_ = false, machine_coordinates_ = false, tcp_off_ = false, has_centre_ = false;
+  int side_ = 0, active_side_ = 0;  ///< as programmed, and as it was when compensation began: RL 1, RR -1
+  double heading_ = 0;              ///< of the path's end in the plane; CT goes on in it
+  bool has_heading_ = false;
+  std::vector<int> ends_;
+  AxisValues preset_{}, shift_{}, centre_{};
+  Vec3 tilted_shift_ = Vec3::Zero();  ///< of cycle 7 in a tilted plane
+  Eigen::Matrix3d plane_turn_ = Eigen::Matrix3d::Identity();
+};
+
+}  // namespace lightmill::detail
