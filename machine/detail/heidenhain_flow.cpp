@@ -146,11 +146,14 @@ void HeidenhainReader::label() {
 
 void HeidenhainReader::call() {
   if (is(1, "PGM")) reject(tokens_[1].column, "CALL PGM wants another file: put its blocks behind a label");
-  if (!is(1, "LBL") || (tokens_.size() != 3 && tokens_.size() != 4)) incomplete();
-  if (tokens_.size() == 4) {
-    const std::string_view text = tokens_[3].text;
+  if (!is(1, "LBL") || tokens_.size() < 3 || tokens_.size() > 5) incomplete();
+  if (tokens_.size() > 3) {
+    // REP2, and REP 2/2 as older controls write it.
+    std::string_view text = tokens_[3].text;
     if (!text.starts_with("REP")) expect_end(3);
-    const double wanted = number(text.substr(3), tokens_[3].column);
+    text = tokens_.size() == 5 && text == "REP" ? tokens_[4].text.substr(0, tokens_[4].text.find('/')) : text.substr(3);
+    if (tokens_.size() == 5 && !is(3, "REP")) expect_end(4);
+    const double wanted = number(text, tokens_[3].column);
     if (!(wanted >= 1 && wanted <= 65534)) reject(tokens_[3].column, "REP counts from 1 to 65534");
     auto& left = repeats_.try_emplace(at_, static_cast<long>(wanted)).first->second;
     if (left-- > 0)

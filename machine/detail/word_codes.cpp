@@ -7,6 +7,16 @@ std::string WordReader::code_name(int tenths) {
   return std::to_string(tenths / 10) + (tenths % 10 != 0 ? "." + std::to_string(tenths % 10) : "");
 }
 
+/// What LinuxCNC knows and this machine cannot do, and all else.
+const char* WordReader::why_refused(char letter, int tenths) const {
+  if (letter == 'G' && !fanuc_) {
+    if (tenths == 330 || tenths == 331 || tenths == 760 || tenths == 950)
+      return " waits for a spindle encoder, which this machine has not";
+    if (tenths == 70 || (tenths >= 700 && tenths < 730) || tenths == 960) return " is for lathes";
+  }
+  return " is not known to this control";
+}
+
 int WordReader::g_group(int tenths) const {
   switch (tenths) {
     case 0:

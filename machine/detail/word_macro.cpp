@@ -223,7 +223,7 @@ bool WordReader::read_argument(char letter, int where) {
 double WordReader::repeats(double program) {
   const double wanted = has('L') ? use('L') : program >= 10000 ? std::floor(program / 10000) : 1;
   if (!(wanted >= 1 && wanted <= 9999) || wanted != std::floor(wanted))
-    reject(column_of('L'), "L counts from 1 to 9999");
+    reject(1, "L counts from 1 to 9999");
   return wanted;
 }
 

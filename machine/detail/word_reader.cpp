@@ -148,11 +148,7 @@ void WordReader::read_word(std::uint32_t& groups) {
     if (!(rounded >= 0 && rounded < 10000) || std::abs(v * 10 - rounded) > 1e-6) reject(where, "unknown code");
     const int tenths = static_cast<int>(rounded);
     const int group = letter == 'G' ? g_group(tenths) : m_group(tenths);
-    if (letter == 'G' && !fanuc_ && (tenths == 330 || tenths == 331 || tenths == 760 || tenths == 950))
-      reject(where, "G" + code_name(tenths) + " waits for a spindle encoder, which this machine has not");
-    if (group < 0) {
-      reject(where, letter + code_name(tenths) + " is not known to this control");
-    }
+    if (group < 0) reject(where, letter + code_name(tenths) + why_refused(letter, tenths));
     const std::uint32_t mark = 1U << (letter == 'G' ? group : group + 16);  // M codes have groups of their own
     if ((groups & mark) != 0) reject(where, "two codes of one modal group in a block");
     groups |= mark;

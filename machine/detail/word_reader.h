@@ -122,6 +122,7 @@ class WordReader : private ExpressionReader {
   void read_block(std::string_view line);
   void read_word(std::uint32_t& groups);
   static std::string code_name(int tenths);
+  [[nodiscard]] const char* why_refused(char letter, int tenths) const;
   [[nodiscard]] int g_group(int tenths) const;
   [[nodiscard]] int m_group(int tenths) const;
   void take_g(const Code& g, Request& request);

@@ -48,7 +48,7 @@ const Sample kSamples[] = {{"3D_Chips.ngc", nullptr},
                            {"cone.ngc", "word W is not known"},
                            {"daisy.ngc", "word A is not known"},
                            {"gridprobe.ngc", "the probe made no contact"},
-                           {"lathe_g7x_quadrants.ngc", "G70 is not known"},
+                           {"lathe_g7x_quadrants.ngc", "G70 is for lathes"},
                            {"mmount.ngc", "G33.1 waits for a spindle encoder"},
                            {"systems.ngc", nullptr},
                            {"threading.ngc", "G33 waits for a spindle encoder"}};

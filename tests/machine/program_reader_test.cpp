@@ -194,6 +194,36 @@ TEST(ProgramReader, TheTipKeepsItsLineUnderTcp) {
   }
 }
 
+// One pocket on a slope, looped and compensated, in the words of three controls: the same motion.
+TEST(ProgramReader, ThreeControlsMillTheSameTiltedPocket) {
+  const Reading fanuc = read(
+      "%\nO1\nT1 M6\nG90 G54 G0 X0. Y0. Z90.\nG68.2 X2. Y3. Z4. I0 J30. K0\nG53.1 P1\nG43 H1\nG0 X0 Y0 Z20.\n#100=1\n"
+      "WHILE[#100LE3]DO1\nG1 Z-#100 F300.\nG41 D1 X5. F600.\nY[#100*4]\nG3 X-5. Y[#100*4] R5.\nG1 Y0\nG40 G0 X0\n"
+      "#100=#100+1\nEND1\nG0 Z20.\nM30\n%\n",
+      ReaderDialect::kFanuc);
+  const Reading heidenhain = read(
+      "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S5000\n2 L X+0 Y+0 Z+10 FMAX\n3 CYCL DEF 7.0\n4 CYCL DEF 7.1 X+2 Y+3 Z+4\n"
+      "5 PLANE SPATIAL SPA+30 SPB+0 SPC+0 TURN FMAX SEQ+\n6 L X+0 Y+0 Z+20 FMAX\n7 Q1 = 1\n8 LBL 1\n9 L Z-Q1 F300\n"
+      "10 L X+5 RL F600\n11 Q2 = Q1 * 4\n12 L Y+Q2\n13 CR X-5 Y+Q2 R+5 DR+\n14 L Y+0\n15 L X+0 R0 FMAX\n16 Q1 = Q1 + 1\n"
+      "17 CALL LBL 1 REP 2/2\n18 L Z+20 FMAX\n19 M30\n20 END PGM A MM\n",
+      ReaderDialect::kHeidenhain);
+  const Reading siemens = read(
+      "G17 G90 G94 G54\nT1 M6\nG0 X0 Y0 Z10\nCYCLE800(0,\"TC\",0,57,2,3,4,30,0,0,0,0,0,1)\nG0 X0 Y0 Z20\nFOR R1=1 TO 3\n"
+      "G1 Z=-R1 F300\nG41 X5 F600\nY=R1*4\nG3 X-5 Y=R1*4 CR=5\nG1 Y0\nG40 G0 X0\nENDFOR\nG0 Z20\nM30\n",
+      ReaderDialect::kSiemens);
+  ASSERT_FALSE(fanuc.result.error) << fanuc.result.error->line << ": " << fanuc.result.error->rule;
+  for (const Reading* other : {&heidenhain, &siemens}) {
+    ASSERT_FALSE(other->result.error) << other->result.error->line << ": " << other->result.error->rule;
+    ASSERT_EQ(other->steps.size(), fanuc.steps.size());
+    for (std::size_t i = 0; i < fanuc.steps.size(); ++i) {
+      EXPECT_EQ(other->steps[i].kind, fanuc.steps[i].kind) << i;
+      EXPECT_NEAR(other->steps[i].seconds, fanuc.steps[i].seconds, 1e-9) << i;
+      for (std::size_t k = 0; k < 5; ++k) EXPECT_NEAR(other->steps[i].target[k], fanuc.steps[i].target[k], 1e-9) << i;
+    }
+  }
+  EXPECT_GT(fanuc.moves.size(), 20U);
+}
+
 TEST(ProgramReader, DrillsAsTheCycleSays) {
   const Reading r = read("G0 Z20\nG99 G81 X10 Y5 Z-3 R2 F100\nX20\nG98 X30\nG80\nM2\n");
   ASSERT_FALSE(r.result.error) << r.result.error->rule;
@@ -298,6 +328,7 @@ TEST(ProgramReader, AnswersAsAControlWithoutSignals) {
   expect_refused("F600 G91\nG38.3 Z0.1\nM2\n", "too short", 2);
   expect_refused("M66 P0 L3\nM2\n", "needs a time", 1);
   expect_refused("M62\nM2\n", "needs P", 1);
+  for (const char* code : {"G7", "G71", "G96"}) expect_refused(std::string(code) + " S100\nM2\n", "lathes", 1);
   for (const char* code : {"G33", "G33.1", "G76", "G95"})
     expect_refused(std::string("S100 M3\n") + code + " Z1 K1\nM2\n", "encoder", 2);
 }
