@@ -46,14 +46,17 @@ AxisValues CutterCompensation::place() const {
 }
 
 void CutterCompensation::straight(const AxisValues& to, bool rapid, const Feed& feed) {
-  arc_refused_ = false;
+  const bool across = in_plane_only_ && stays_in_plane(to);
+  if (!across) arc_refused_ = false;
   if (on()) {
     double way = std::hypot(to[0] - programmed_[0], to[1] - programmed_[1], to[2] - programmed_[2]);
     if (way == 0) way = std::hypot(to[3] - programmed_[3], to[4] - programmed_[4]) / kRadPerDegree;
     return move({to, rapid, feed.inverse_time ? way * feed.value : feed.value, {}});
   }
-  lead_ = {};
-  core_.move(to, rapid, rapid ? 0 : feed.inverse_time ? 60 / feed.value : core_.seconds_at(to, feed.value));
+  AxisValues end = to;
+  for (std::size_t i = 0; i < 3 && across; ++i) end[i] -= lead_[i];
+  if (!across) lead_ = {};
+  core_.move(end, rapid, rapid ? 0 : feed.inverse_time ? 60 / feed.value : core_.seconds_at(end, feed.value));
 }
 
 void CutterCompensation::arc(const AxisValues& to, int u, int v, double cu, double cv, double turn, const Feed& feed) {
@@ -122,10 +125,11 @@ void CutterCompensation::move(const ContourMove& move) {
     hold(next);
     flush();
   } else if (!move.arc && to.u == from.u && to.v == from.v &&
-             !entering_) {  // along the cutter, or of the rotary axes only
+             (!entering_ || in_plane_only_)) {  // along the cutter, or of the rotary axes only
     next.move.to[u_] = centre_[u_];
     next.move.to[v_] = centre_[v_];
     hold(next);
+    if (entering_) flush();
   } else {
     // The normal at the move's end: to the side of its direction there.
     Point normal{};

@@ -30,7 +30,9 @@ struct Feed {
 /// behind it.
 class CutterCompensation {
  public:
-  explicit CutterCompensation(ReaderCore& core) : core_(core) {}
+  /// Who begins and ends `in_plane` does so with the next move in the plane: moves across it before leave the cutter
+  /// beside its path. LinuxCNC takes any move.
+  CutterCompensation(ReaderCore& core, bool in_plane) : core_(core), in_plane_only_(in_plane) {}
 
   /// From here on the centre keeps `radius_mm` to the left (side 1) or right (-1) of the contour in the plane u, v.
   void start(int side, double radius_mm, int u, int v, const AxisValues& from);
@@ -78,6 +80,10 @@ class CutterCompensation {
     double value = 0;
   };
   void move(const ContourMove& move);
+  [[nodiscard]] bool stays_in_plane(const AxisValues& to) const {
+    const AxisValues from = place();
+    return to[u_] == from[u_] && to[v_] == from[v_];
+  }
   [[nodiscard]] Point in_plane(const AxisValues& p) const { return {p[u_], p[v_]}; }
   void enter(const ContourMove& move, Held next);
   void turn_corner(const ContourMove& move, const Held& next);
@@ -86,6 +92,7 @@ class CutterCompensation {
   void hold(Held next);
 
   ReaderCore& core_;
+  bool in_plane_only_;
   int side_ = 0;
   double radius_ = 0;
   std::size_t u_ = 0, v_ = 1;

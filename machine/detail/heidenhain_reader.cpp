@@ -32,7 +32,7 @@ constexpr Grammar kHeidenhain{'(', ')', 3, kOperators, kFunctions, {}, true, tru
 }  // namespace
 
 HeidenhainReader::HeidenhainReader(std::string_view text, ReaderCore& core)
-    : ExpressionReader(kHeidenhain), core_(core), path_(core), lines_(split_lines(text)) {}
+    : ExpressionReader(kHeidenhain), core_(core), path_(core, true), lines_(split_lines(text)) {}
 
 ReadResult HeidenhainReader::run() {
   return run_lines(

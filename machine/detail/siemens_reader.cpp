@@ -50,7 +50,7 @@ void once(std::uint32_t& groups, int group, int where) {
 }  // namespace
 
 SiemensReader::SiemensReader(std::string_view text, ReaderCore& core)
-    : ExpressionReader(kSiemens), core_(core), path_(core), lines_(split_lines(text)) {
+    : ExpressionReader(kSiemens), core_(core), path_(core, true), lines_(split_lines(text)) {
   core_.set_offset({});  // G500 until an offset is named
 }
 

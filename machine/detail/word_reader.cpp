@@ -12,7 +12,7 @@ WordReader::WordReader(std::string_view text, bool fanuc, ReaderCore& core)
       fanuc_(fanuc),
       core_(core),
       lines_(split_lines(text)),
-      path_(core) {
+      path_(core, fanuc) {
   for (const char letter : {'X', 'Y', 'Z', 'A', 'B', 'C'}) {
     if (core.axis_of(letter) >= 0) axis_letters_ |= bit(letter);
   }

@@ -208,6 +208,15 @@ TEST(HeidenhainReader, CompensatesAsLinuxCnc) {
   Reading linuxcnc =
       read("T1 M6\nG43 H1\nG0 X-10 Y0\nG41 D1 G1 X0 F600\nX10\nY10\nG2 X20 Y20 I10 J0\nG1 X40\nG40 G0 Y30\nM2\n");
   expect_same_steps(r, linuxcnc);
+  // Down and up beside the contour: compensation begins and ends with a move in the plane.
+  const Reading deep = conversation({"TOOL CALL 1 Z S5000", "L X-10 Y+0 FMAX", "L Z-5 RL F600", "L X+0", "L X+10",
+                                     "L Z+20 R0 FMAX", "L Z+30", "L X+0 Y+9"});
+  ASSERT_FALSE(deep.result.error) << deep.result.error->rule;
+  const double ends[][3] = {{-10, 0, 0}, {-10, 0, -5}, {0, 2, -5}, {10, 2, -5}, {10, 2, 20}, {10, 2, 30}, {0, 9, 30}};
+  ASSERT_EQ(deep.moves.size(), std::size(ends));
+  for (std::size_t i = 1; i < std::size(ends); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(deep.moves[i].programmed[k], ends[i][k], 1e-12) << i;
+  }
   expect_conversation_refused({"TOOL CALL 1 Z S5000", "L X+10 RL F100", "L X+20 RR"}, "R0 must stand between");
   expect_conversation_refused({"TOOL CALL 1 Z S5000", "L X+10 RL F100", "M128"}, "while cutter compensation");
   expect_conversation_refused({"TOOL CALL 1 Z S5000", "L X+10 F100", "CR X+20 R+9 DR- RL"}, "straight lines");
