@@ -51,12 +51,12 @@ void SiemensReader::look_through() {
       continue;
     }
     if (const std::string_view word = name(); word.size() > 1 && word[0] == 'N' && word[1] >= '0' && word[1] <= '9') {
-      labels_.emplace(word, i);
+      labels_[std::string(word)].push_back(i);
       p_ += word.size();
       skip_blanks();
     }
     if (const std::string_view word = name(); word.size() > 1 && p_ + word.size() != end_ && p_[word.size()] == ':') {
-      labels_.emplace(word, i);
+      labels_[std::string(word)].push_back(i);
       p_ += word.size() + 1;
       skip_blanks();
     }
@@ -237,13 +237,10 @@ void SiemensReader::jump(bool holds) {
   const std::size_t first = after == sections_.begin() ? 0 : after[-1];
   const std::size_t last = after == sections_.end() ? lines_.size() : *after;
   std::size_t forwards = kNowhere, backwards = kNowhere;
-  for (auto [i, end] = labels_.equal_range(label); i != end; ++i) {
-    const std::size_t line = i->second;
-    if (line < first || line >= last) continue;
-    if (line > at_)
-      forwards = std::min(forwards, line);
-    else if (backwards == kNowhere || line > backwards)
-      backwards = line;
+  if (const auto found = labels_.find(label); found != labels_.end()) {
+    const auto here = std::upper_bound(found->second.begin(), found->second.end(), at_);
+    if (here != found->second.end() && *here < last) forwards = *here;
+    if (here != found->second.begin() && here[-1] >= first) backwards = here[-1];
   }
   const std::size_t line = how == "GOTOF" ? forwards : how == "GOTOB" || forwards == kNowhere ? backwards : forwards;
   if (line == kNowhere) reject(where, "label " + label + " is not found in this direction");

@@ -91,7 +91,7 @@ class SiemensReader : private ExpressionReader {
   std::map<std::string, double, std::less<>> variables_;
   bool looked_through_ = false;
   std::vector<std::size_t> partners_;  ///< of each line: where its IF, ELSE or loop goes on
-  std::multimap<std::string, std::size_t, std::less<>> labels_;
+  std::map<std::string, std::vector<std::size_t>, std::less<>> labels_;
   std::map<std::string, std::size_t, std::less<>> subprograms_;
   std::vector<std::size_t> sections_;  ///< first lines of programs
   std::vector<Call> calls_;

@@ -23,6 +23,7 @@ std::size_t WordReader::find(std::size_t from, const std::string& wanted, std::i
   const auto offset = p_ - text_.data();
   for (std::size_t i = from; i < lines_.size(); ++i) {
     const std::size_t first = lines_[i].find_first_not_of(" \t");
+    if (++searched_ > core_.setup.most_blocks) reject(where, "the program does not end");
     if (first == std::string_view::npos || (lines_[i][first] | 32) != 'o') continue;
     prepare(lines_[i]);
     ++p_;

@@ -62,51 +62,42 @@ void WordReader::look_through() {
       const char* p = text.data() + std::min(at, text.size());
       return read_digits(p, text.data() + text.size(), v) ? v : -1;
     };
-    if (n >= 0) marks_.push_back({i, 'N', n});
-    if (text.starts_with('O')) marks_.push_back({i, 'O', number_behind(1)});
-    if (text.starts_with("END")) marks_.push_back({i, 'E', number_behind(3)});
+    const auto mark = [&](char kind, double number) { marks_[{kind, number}].push_back(i); };
+    if (n >= 0) mark('N', n);
+    if (text.starts_with("END")) mark('E', number_behind(3));
+    if (text.starts_with('O')) {
+      mark('O', number_behind(1));
+      programs_.push_back(i);
+    }
     const std::size_t loop = text.starts_with("DO")      ? 0
                              : text.starts_with("WHILE") ? text.rfind("]DO")
                                                          : std::string::npos;
-    if (loop != std::string::npos) marks_.push_back({i, 'D', number_behind(loop + (loop == 0 ? 2 : 3))});
+    if (loop != std::string::npos) mark('D', number_behind(loop + (loop == 0 ? 2 : 3)));
   }
 }
 
-/// The next block with this mark in the program that runs; -1: none.
+/// The block with this mark in the program that runs: the next one, for N else the first, or the last one before; -1: none.
 long WordReader::find_mark(char kind, double number, bool backwards) {
   look_through();
-  const auto [known, fresh] = jumps_.try_emplace({at_, kind, number}, -1);
-  if (!fresh) return known->second;
+  const auto marked = marks_.find({kind, number});
+  if (marked == marks_.end()) return -1;
   // The program of this block: from its O to the next one.
-  std::size_t first = 0, last = marks_.size();
-  for (std::size_t i = 0; i < marks_.size(); ++i) {
-    if (marks_[i].kind != 'O') continue;
-    if (marks_[i].line <= at_)
-      first = i;
-    else
-      last = std::min(last, i);
-  }
-  long found = -1;
-  for (std::size_t i = first; i < last; ++i) {
-    const Mark& m = marks_[i];
-    if (m.kind != kind || m.number != number) continue;
-    const auto line = static_cast<long>(m.line);
-    // Blocks are looked for from here on, then from the program's beginning.
-    if (m.line < at_ && (backwards || (kind == 'N' && found < 0))) found = line;
-    if (m.line >= at_ && !backwards) {
-      found = line;
-      break;
-    }
-  }
-  return known->second = found;
+  const auto after = std::upper_bound(programs_.begin(), programs_.end(), at_);
+  const std::size_t first = after == programs_.begin() ? 0 : after[-1];
+  const std::size_t last = after == programs_.end() ? lines_.size() : *after;
+  const std::vector<std::size_t>& lines = marked->second;
+  const auto here = std::lower_bound(lines.begin(), lines.end(), at_);
+  if (backwards) return here != lines.begin() && here[-1] >= first ? static_cast<long>(here[-1]) : -1;
+  if (here != lines.end() && *here < last) return static_cast<long>(*here);
+  const auto start = std::lower_bound(lines.begin(), here, first);
+  return kind == 'N' && start != here ? static_cast<long>(*start) : -1;
 }
 
 std::size_t WordReader::find_program(double number, int where) {
   look_through();
-  for (const Mark& m : marks_) {
-    if (m.kind == 'O' && m.number == number) return m.line;
-  }
-  reject(where, "program O" + said(number) + " is not in this file");
+  const auto marked = marks_.find({'O', number});
+  if (marked == marks_.end()) reject(where, "program O" + said(number) + " is not in this file");
+  return marked->second.front();
 }
 
 double WordReader::variable(double n, int where) {
@@ -193,8 +184,9 @@ bool WordReader::statement() {
   } else if (take("DO")) {
     if (find_mark('E', loop_number(), false) < 0) reject(where, "the loop has no END");
   } else if (take("END")) {
-    const long start = find_mark('D', loop_number(), true);
-    if (start < 0) reject(where, "END without DO");
+    const double m = loop_number();
+    const long start = find_mark('D', m, true);
+    if (start < 0 || find_mark('E', m, true) > start) reject(where, "END without DO");
     next_ = static_cast<std::size_t>(start);
   } else {
     return false;

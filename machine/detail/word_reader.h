@@ -5,8 +5,8 @@
 #include <bit>
 #include <map>
 #include <optional>
-#include <tuple>
 #include <unordered_map>
+#include <utility>
 
 #include "machine/detail/cutter_compensation.h"
 #include "machine/detail/expressions.h"
@@ -83,11 +83,6 @@ class WordReader : private ExpressionReader {
   void flow();
 
   // --- Fanuc's custom macros: word_macro.cpp ---
-  struct Mark {
-    std::size_t line;
-    char kind;  ///< N and O with their numbers, D and E for DO and END
-    double number;
-  };
   struct MacroCall {
     std::size_t line;
     double times;
@@ -206,8 +201,9 @@ class WordReader : private ExpressionReader {
   std::vector<Loop> loops_;
   std::vector<std::pair<std::string, double>> settings_;
   bool looked_through_ = false;
-  std::vector<Mark> marks_;
-  std::map<std::tuple<std::size_t, char, double>, long> jumps_;
+  std::map<std::pair<char, double>, std::vector<std::size_t>> marks_;  ///< lines of N and O, of DO and END as D and E
+  std::vector<std::size_t> programs_;                                  ///< lines of O
+  long searched_ = 0;                                                  ///< lines looked at for ends of structures
   std::optional<MacroCall> modal_call_;
   bool reads_arguments_ = false;
   std::unordered_map<int, double> arguments_;

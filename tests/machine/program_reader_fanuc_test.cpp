@@ -82,6 +82,7 @@ TEST(FanucReader, JumpsWithinTheProgramAndOutOfSubprograms) {
   expect_fanuc_refused("GOTO99\nM30\nO2\nN99 M99\n", "no block N99", 1);
   expect_fanuc_refused("WHILE[1EQ1]DO1\nEND1\nM30\n", "does not end", 2);
   expect_fanuc_refused("END1\nWHILE[1EQ1]DO1\nM30\n", "END without DO", 1);
+  expect_fanuc_refused("DO1\nGOTO5\nEND1\nN5\nEND1\nM30\n", "END without DO", 5);
   expect_fanuc_refused("WHILE[#1EQ#0]DO2\nM30\n", "no END", 1);
   expect_fanuc_refused("IF[#1EQ#0]X1.\nM30\n", "GOTO or THEN", 1);
   expect_fanuc_refused("#3000=12(STOP)\nM30\n", "alarm 12", 1);
