@@ -9,9 +9,9 @@ work=$(realpath -m "${2:-build/fuzz}")
 mkdir -p "$work/objects"
 flags="-std=c++20 -O1 -g -DNDEBUG -ffp-contract=off -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined -I. -isystem /usr/include/eigen3"
 
-sources="machine/detail/*.cpp machine/kinematics.cpp machine/simulated_machine.cpp machine/stock_model.cpp machine/clock.cpp
+sources="machine/detail/*.cpp machine/kinematics.cpp machine/machine_errors.cpp machine/simulated_machine.cpp machine/stock_model.cpp machine/clock.cpp
   machine/cable.cpp machine/pseudo_terminal.cpp machine/program_lines.cpp postproc/machine_model.cpp cam/cutter.cpp
-  design/core/files.cpp design/core/image.cpp design/core/parallel.cpp design/core/text.cpp design/core/toml_table.cpp"
+  design/core/files.cpp design/core/image.cpp design/core/parallel.cpp design/core/markup.cpp design/core/text.cpp design/core/toml_table.cpp"
 object() { echo "$work/objects/$(tr / _ <<< "${1%.cpp}").o"; }
 export -f object
 export work flags
