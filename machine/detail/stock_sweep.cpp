@@ -108,6 +108,13 @@ Distance distance_to(const RoundedCylinder& body, const Vec3& axis, const Vec3& 
   return distance;
 }
 
+/// A moment that is off by this much moves the nearest distance by its square over the corner's radius; at a sharp edge it
+/// turns the gradient by its share of the distance.
+double moment_tolerance(const RoundedCylinder& body) {
+  constexpr double kSharp_mm = 1e-3, kRound_mm = 1e-6, kEdge_mm = 1e-7;
+  return body.corner_mm > kSharp_mm ? kRound_mm : kEdge_mm;
+}
+
 /// The least distance over the motion: its derivative along the motion grows.
 Distance distance_to_swept(const RoundedCylinder& body, const Vec3& axis, const Vec3& motion, const Vec3& p) {
   if (motion.squaredNorm() == 0) return distance_to(body, axis, p);
@@ -117,10 +124,8 @@ Distance distance_to_swept(const RoundedCylinder& body, const Vec3& axis, const 
   if (nearest.gradient.dot(motion) <= 0) return nearest;
   nearest = distance_to(body, axis, p - motion);
   if (nearest.gradient.dot(motion) >= 0) return nearest;
-  // A moment that is off by this much moves the nearest distance by its square over the radius, or less at an edge.
-  constexpr double kMoment_mm = 1e-6;
   const double length = motion.norm();
-  while ((high - low) * length > kMoment_mm) {
+  while ((high - low) * length > moment_tolerance(body)) {
     const double middle = (low + high) / 2;
     nearest = distance_to(body, axis, p - middle * motion);
     (nearest.gradient.dot(motion) > 0 ? low : high) = middle;
@@ -131,18 +136,31 @@ Distance distance_to_swept(const RoundedCylinder& body, const Vec3& axis, const 
 
 }  // namespace
 
+std::optional<double> entry(const RoundedCylinder& body, const Vec3& tip, const Vec3& motion, const Vec3& axis, const Vec3& start,
+                            const Vec3& direction) {
+  // Near a sharp edge gradients are not to be trusted: ten times the moment's tolerance is there, and who comes by at a
+  // hundred times has touched it.
+  const double sharp = body.corner_mm > 0 ? 0.0 : moment_tolerance(body);
+  const double reached = std::max(1e-10, 10 * sharp);
+  const Vec3 place = start - tip;
+  double along = 0;
+  for (int iteration = 0; iteration < 200; ++iteration) {
+    const Distance distance = distance_to_swept(body, axis, motion, place + along * direction);
+    if (distance.value <= reached) return along;
+    const double falls = -distance.gradient.dot(direction);
+    if (falls <= 1e-12) return distance.value <= 100 * sharp ? std::optional(along) : std::nullopt;
+    along += distance.value / falls;
+  }
+  return along;  // tangent to the body: Newton halves the rest each time, which by now is below 1e-9 mm
+}
+
 double underside(const RoundedCylinder& body, const Vec3& tip, const Vec3& motion, const Vec3& axis, double x,
                  double y) {
   const double top = std::max(body.top_mm, body.corner_mm);
   const double reach = body.core_radius_mm(top) + 2 * body.corner_mm;
-  double z = tip.z() + std::min(0.0, motion.z()) + std::min(0.0, top * axis.z()) - reach - 1;
-  for (int iteration = 0; iteration < 200; ++iteration) {
-    const Distance distance = distance_to_swept(body, axis, motion, Vec3(x, y, z) - tip);
-    if (distance.value <= 1e-10) return z;
-    if (distance.gradient.z() >= -1e-12) return kNothing;
-    z -= distance.value / distance.gradient.z();
-  }
-  return z;  // tangent to the body: Newton halves the rest each time, which by now is below 1e-9 mm
+  const double z = tip.z() + std::min(0.0, motion.z()) + std::min(0.0, top * axis.z()) - reach - 1;
+  const auto up = entry(body, tip, motion, axis, {x, y, z}, Vec3::UnitZ());
+  return up ? z + *up : kNothing;
 }
 
 void Sweep::prepare() {

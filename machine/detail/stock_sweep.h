@@ -2,6 +2,7 @@
 #pragma once
 
 #include <limits>
+#include <optional>
 
 #include "design/core/geometry.h"
 
@@ -36,9 +37,13 @@ struct RoundedCylinder {
   [[nodiscard]] double core_radius_mm(double height_mm) const { return flat_mm + spread * (height_mm - corner_mm); }
 };
 
-/// As above for a rounded cylinder that moves from tip to tip + motion. The distance to a convex body that moves
-/// straight is convex in place and time together, so Newton along the vertical line climbs to the underside from below,
-/// with the nearest moment found by bisection; ends within 1e-9 mm.
+/// How far from `start`, which must lie outside, along unit `direction` a line enters a rounded cylinder that moves from tip to
+/// tip + motion. The distance to a convex body that moves straight is convex in place and time together, so Newton along the
+/// line comes up to the body from outside, with the nearest moment found by bisection; ends within 1e-9 mm.
+std::optional<double> entry(const RoundedCylinder& body, const Vec3& tip, const Vec3& motion, const Vec3& axis, const Vec3& start,
+                            const Vec3& direction);
+
+/// The same upwards along the vertical line over (x, y): the height of the underside.
 double underside(const RoundedCylinder& body, const Vec3& tip, const Vec3& motion, const Vec3& axis, double x,
                  double y);
 

@@ -82,27 +82,77 @@ Tool::Tool(const Cutter& cutter)
   }
 }
 
-bool may_touch(const StockField& field, const Frustum& body, const ToolPose& from, const ToolPose& to,
-               double margin_mm) {
-  const double way = travel(body, from, to) / 2;
-  const ToolPose middle = between(from, to, 0.5);
-  const Bounds box = bounds(body, middle, std::max(0.0, margin_mm) + way);
-  if (box.lowest >= field.highest() || box.lowest >= field.highest(box.above)) return false;
-  if (2 * way > kLongestChunk_mm) {
-    return may_touch(field, body, from, middle, margin_mm) || may_touch(field, body, middle, to, margin_mm);
-  }
-  // Tile by tile: a body that reaches a tile's nodes reaches, grown by the tile's half diagonal, its centre.
-  const Frustum grown = body.grown(std::max(0.0, margin_mm) + way + field.tile_half_mm() * std::sqrt(2.0));
-  const StockField::TileRange tiles = field.tiles(box.above);
+namespace {
+
+/// Calls visit(i, j, top, centre) for the tiles over a rectangle that stand higher than `lowest`, until it says true.
+template <typename Visit>
+bool any_tile(const StockField& field, const Box2& above, double lowest, Visit&& visit) {
+  const StockField::TileRange tiles = field.tiles(above);
   for (int j = tiles.j0; j <= tiles.j1; ++j) {
     for (int i = tiles.i0; i <= tiles.i1; ++i) {
       const double top = field.tile_highest(i, j);
-      if (top <= box.lowest) continue;
-      const Vec2 centre = field.tile_centre(i, j);
-      if (underside(grown, middle.tip_mm, middle.axis, centre.x(), centre.y()) < top) return true;
+      if (top > lowest && visit(i, j, top, field.tile_centre(i, j))) return true;
     }
   }
   return false;
+}
+
+template <typename Visit>
+bool any_tile(const SolidStock& solid, const Box2& above, double lowest, Visit&& visit) {
+  constexpr int kTile = SolidStock::kTile;
+  const auto columns = solid.cells(0, above.min.x(), above.max.x()), rows = solid.cells(1, above.min.y(), above.max.y());
+  if (columns.empty() || rows.empty()) return false;
+  const Vec2 to_middle = (kTile - 1) / 2.0 * solid.pitch_mm().head<2>();
+  for (int j = rows.from / kTile; j <= rows.to / kTile; ++j) {
+    for (int i = columns.from / kTile; i <= columns.to / kTile; ++i) {
+      const double top = solid.tile_highest(i, j);
+      const Vec2 centre = Vec2(solid.place_mm(0, i * kTile), solid.place_mm(1, j * kTile)) + to_middle;
+      if (top > lowest && visit(i, j, top, centre)) return true;
+    }
+  }
+  return false;
+}
+
+/// From a tile's centre to its farthest nodes.
+double half_diagonal(const StockField& field) { return field.tile_half_mm() * std::sqrt(2.0); }
+double half_diagonal(const SolidStock& solid) { return (SolidStock::kTile - 1) / 2.0 * solid.pitch_mm().head<2>().norm(); }
+
+template <typename Stock>
+bool may_touch_tiles(const Stock& stock, const Frustum& body, const ToolPose& from, const ToolPose& to, double margin_mm) {
+  const double way = travel(body, from, to) / 2;
+  const ToolPose middle = between(from, to, 0.5);
+  const Bounds box = bounds(body, middle, std::max(0.0, margin_mm) + way);
+  if (box.lowest >= stock.highest(box.above)) return false;
+  if (2 * way > kLongestChunk_mm) {
+    return may_touch_tiles(stock, body, from, middle, margin_mm) || may_touch_tiles(stock, body, middle, to, margin_mm);
+  }
+  // Tile by tile: a body that reaches a tile's nodes reaches, grown by the tile's half diagonal, its centre.
+  const Frustum grown = body.grown(std::max(0.0, margin_mm) + way + half_diagonal(stock));
+  return any_tile(stock, box.above, box.lowest, [&](int, int, double top, const Vec2& centre) {
+    return underside(grown, middle.tip_mm, middle.axis, centre.x(), centre.y()) < top;
+  });
+}
+
+/// The tiles whose material the body may meet where it stands.
+template <typename Stock>
+std::vector<std::pair<int, int>> tiles_met(const Stock& stock, const Frustum& body, const ToolPose& pose, const Bounds& box, double margin_mm) {
+  std::vector<std::pair<int, int>> met;
+  const Frustum around_tile = body.grown(std::max(0.0, margin_mm) + half_diagonal(stock));
+  any_tile(stock, box.above, box.lowest, [&](int i, int j, double top, const Vec2& centre) {
+    if (underside(around_tile, pose.tip_mm, pose.axis, centre.x(), centre.y()) < top) met.emplace_back(i, j);
+    return false;
+  });
+  return met;
+}
+
+}  // namespace
+
+bool may_touch(const StockField& field, const Frustum& body, const ToolPose& from, const ToolPose& to, double margin_mm) {
+  return may_touch_tiles(field, body, from, to, margin_mm);
+}
+
+bool may_touch(const SolidStock& solid, const Frustum& body, const ToolPose& from, const ToolPose& to, double margin_mm) {
+  return may_touch_tiles(solid, body, from, to, margin_mm);
 }
 
 StockField::Probe touch(const StockField& field, const Frustum& body, const ToolPose& from, const ToolPose& to,
@@ -113,22 +163,11 @@ StockField::Probe touch(const StockField& field, const Frustum& body, const Tool
   const int skip = steps > 0 ? std::max(1, static_cast<int>(kAfterHit_mm / (way / steps))) : 1;
   const Frustum exact = body.grown(margin_mm);
   if (exact.empty()) return deepest;
-  const Frustum around_tile = body.grown(std::max(0.0, margin_mm) + field.tile_half_mm() * std::sqrt(2.0));
-  std::vector<std::pair<int, int>> suspicious;
   for (int k = 0; k <= steps; ++k) {
     const ToolPose pose = between(from, to, steps > 0 ? static_cast<double>(k) / steps : 0.0);
     const Bounds box = bounds(body, pose, std::max(0.0, margin_mm));
     if (box.lowest >= field.highest(box.above)) continue;
-    suspicious.clear();
-    const StockField::TileRange tiles = field.tiles(box.above);
-    for (int j = tiles.j0; j <= tiles.j1; ++j) {
-      for (int i = tiles.i0; i <= tiles.i1; ++i) {
-        const double top = field.tile_highest(i, j);
-        if (top <= box.lowest) continue;
-        const Vec2 centre = field.tile_centre(i, j);
-        if (underside(around_tile, pose.tip_mm, pose.axis, centre.x(), centre.y()) < top) suspicious.emplace_back(i, j);
-      }
-    }
+    const std::vector<std::pair<int, int>> suspicious = tiles_met(field, body, pose, box, margin_mm);
     const int stride = static_cast<int>(suspicious.size()) > kManyTiles ? 4 : 1;
     bool hit = false;
     for (const auto& [ti, tj] : suspicious) {
@@ -143,6 +182,41 @@ StockField::Probe touch(const StockField& field, const Frustum& body, const Tool
       }
     }
     if (hit && k < steps) k = std::min(k + skip, steps) - 1;
+  }
+  return deepest;
+}
+
+StockField::Probe touch(const SolidStock& solid, const Frustum& body, const ToolPose& from, const ToolPose& to,
+                        double margin_mm) {
+  StockField::Probe deepest;
+  const Frustum exact = body.grown(margin_mm);
+  if (exact.empty()) return deepest;
+  const int steps = static_cast<int>(std::ceil(travel(body, from, to) / kCheckSpacing_mm));
+  for (int k = 0; k <= steps; ++k) {
+    const ToolPose pose = between(from, to, steps > 0 ? static_cast<double>(k) / steps : 0.0);
+    const Bounds box = bounds(exact, pose, 0);
+    if (box.lowest >= solid.highest(box.above)) continue;
+    // In a mirror the upper side is an underside.
+    const Vec3 mirror(1, 1, -1);
+    const Vec3 mirrored_tip = pose.tip_mm.cwiseProduct(mirror), mirrored_axis = pose.axis.cwiseProduct(mirror);
+    const RayBundle& rays = solid.rays(2);
+    for (const auto& [ti, tj] : tiles_met(solid, body, pose, box, margin_mm)) {
+      for (int j = tj * SolidStock::kTile; j < std::min((tj + 1) * SolidStock::kTile, rays.rows()); ++j) {
+        for (int i = ti * SolidStock::kTile; i < std::min((ti + 1) * SolidStock::kTile, rays.columns()); ++i) {
+          const auto spans = rays.at(i, j);
+          if (spans.empty() || spans.back().to <= box.lowest) continue;
+          const double x = solid.place_mm(0, i), y = solid.place_mm(1, j);
+          const double bottom = underside(exact, pose.tip_mm, pose.axis, x, y);
+          if (bottom >= spans.back().to) continue;
+          const double top = -underside(exact, mirrored_tip, mirrored_axis, x, y);
+          for (const Span& span : spans) {
+            const double low = std::max<double>(span.from, bottom);
+            const double depth = std::min<double>(span.to, top) - low;
+            if (depth > deepest.depth_mm) deepest = {depth, {x, y, low}};
+          }
+        }
+      }
+    }
   }
   return deepest;
 }

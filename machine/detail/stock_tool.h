@@ -6,6 +6,7 @@
 #include "cam/cutter.h"
 #include "cam/toolpath.h"
 #include "machine/detail/stock_field.h"
+#include "machine/solid_stock.h"
 
 namespace lightmill {
 
@@ -38,5 +39,9 @@ bool may_touch(const StockField& field, const Frustum& body, const ToolPose& fro
 inline constexpr double kCheckSpacing_mm = 0.1;
 StockField::Probe touch(const StockField& field, const Frustum& body, const ToolPose& from, const ToolPose& to,
                         double margin_mm);
+/// The same along the z rays of a solid, where overhangs count, too: how deep it is inside material.
+StockField::Probe touch(const SolidStock& solid, const Frustum& body, const ToolPose& from, const ToolPose& to,
+                        double margin_mm);
+bool may_touch(const SolidStock& solid, const Frustum& body, const ToolPose& from, const ToolPose& to, double margin_mm);
 
 }  // namespace lightmill
