@@ -167,6 +167,7 @@ void WorkpieceView::sweep(const Motion& motion, double length_mm, const SweepTol
   piece.line = motion.line;
   piece.rapid = motion.rapid;
   piece.spindle_on = motion.spindle_on;
+  piece.spindle_rpm = motion.spindle_rpm;
   if (erring_) {
     elapsed_s_ += motion.stood_s;
     piece.from = cutter(erred(a, length_mm), length_mm);

@@ -31,6 +31,7 @@ struct SweptMove {
   bool rapid = false;
   bool spindle_on = false;
   double seconds = 0;
+  double spindle_rpm = 0;  ///< 0: not known
 };
 
 /// Something the machine or the stock noticed. All of them are reported.

@@ -39,6 +39,12 @@ constexpr double kTable_mm = 1e-3;
 /// Poses along a move at which the tool is held against keep-outs, and points of a box per side.
 constexpr double kObstacleSpacing_mm = 0.5;
 constexpr int kObstaclePoints = 24;
+/// A feed per tooth that is so many times the cutter's is a fault where more than this is cut. Plans stay below the cutter's;
+/// links through air do not.
+constexpr double kMostChip = 3;
+constexpr double kChip_mm = 5e-3;
+/// Each such move is cut by itself; after so many of them it is known.
+constexpr long kMostFastMoves = 300;
 constexpr std::size_t kMostPictures = 12;
 /// A fault that has got deeper by this factor is drawn again.
 constexpr double kDrawnAgain = 1.3;
@@ -90,16 +96,21 @@ struct StockModel::Impl {
   Impl(const Blank& blank, const StockOptions& stock_options)
       : field(blank, stock_options.pitch_mm), options(stock_options), obstacles(blank.keep_outs) {
     if (options.table) obstacles.push_back(*options.table);
+    if (options.solid_pitch_mm > 0) solid = std::make_shared<SolidStock>(blank, options.solid_pitch_mm);
   }
 
   StockField field;
   StockOptions options;
   std::vector<KeepOut> obstacles;  ///< clamps, then the table
-  std::vector<Tool> tools;
+  std::vector<Cutter> cutters;
+  std::vector<Tool> tools;  ///< made of the cutters
+  std::shared_ptr<SolidStock> solid;
+  int solid_tool = -1;      ///< the one that the solid was told of
   std::vector<Piece> pieces;
   std::vector<Sweep> sweeps;  ///< not yet cut
   OpenPath path;
   long moves = 0;
+  long fast_moves = 0;  ///< in the cut
   std::vector<Fault> faults;
   std::vector<FaultRun> runs;
 
@@ -109,10 +120,14 @@ struct StockModel::Impl {
   void execute(const Piece& piece, const Suspicion& suspicion);
   [[nodiscard]] Hits hits_of(const Piece& piece, const Suspicion& suspicion, double margin) const;
   void cut_collected();
+  void cut_solid(const Piece& piece);
   void add_cut(const Piece& piece);
   void add_flutes(const Piece& piece);
   void end_path();
   void check_obstacles(const Piece& piece);
+  [[nodiscard]] double feed_per_tooth(const Piece& piece) const;
+  [[nodiscard]] bool is_too_fast(const Piece& piece) const;
+  void check_feed(const Piece& piece);
   void check_tip(const Piece& piece, double margin, const std::string& kind, const std::string& says);
   [[nodiscard]] std::vector<Sweep> tip_sweeps(const Piece& piece, double margin) const;
   [[nodiscard]] double lowest_of_tip(const Piece& piece) const;
@@ -340,6 +355,12 @@ void StockModel::Impl::cut_collected() {
   sweeps.clear();
 }
 
+void StockModel::Impl::cut_solid(const Piece& piece) {
+  if (solid_tool != piece.tool) solid->set_cutter(cutters[piece.tool]);
+  solid_tool = piece.tool;
+  solid->cut(piece.move.from, piece.move.to);
+}
+
 void StockModel::Impl::apply() {
   // Which bodies might meet the stock as it was before this batch? The stock only shrinks: what is clear now stays
   // clear.
@@ -350,7 +371,7 @@ void StockModel::Impl::apply() {
       const Tool& tool = tools[piece.tool];
       const bool cutting = !piece.move.rapid && piece.move.spindle_on;
       const double margin = piece.move.rapid ? options.rapid_clearance_mm : 0.0;
-      if (!cutting) {
+      if (!cutting || is_too_fast(piece)) {
         for (const Sweep& sweep : tip_sweeps(piece, margin)) suspicions[k].tip |= field.may_touch(sweep);
       }
       const bool leaning = leans(piece.move.from) || leans(piece.move.to);
@@ -360,6 +381,7 @@ void StockModel::Impl::apply() {
         if (flutes && ((!leaning && tool.spread <= 0) || !tool.ball) && margin <= 0) continue;
         bool& suspicious = flutes ? suspicions[k].flutes : suspicions[k].body;
         if (!suspicious) suspicious = may_touch(field, slice.body, piece.move.from, piece.move.to, margin);
+        if (!suspicious && solid && !flutes) suspicious = may_touch(*solid, slice.body, piece.move.from, piece.move.to, margin);
       }
     }
   });
@@ -445,6 +467,33 @@ void StockModel::Impl::check_obstacles(const Piece& piece) {
   }
 }
 
+/// 0 where speed or time are not known.
+double StockModel::Impl::feed_per_tooth(const Piece& piece) const {
+  const SweptMove& move = piece.move;
+  const double teeth = move.seconds * move.spindle_rpm / 60 * cutters[piece.tool].edges;
+  return teeth > 0 ? (move.to.tip_mm - move.from.tip_mm).norm() / teeth : 0;
+}
+
+bool StockModel::Impl::is_too_fast(const Piece& piece) const {
+  const double data = cutters[piece.tool].feed_per_tooth_mm;
+  return !piece.move.rapid && piece.move.spindle_on && data > 0 && feed_per_tooth(piece) > kMostChip * data;
+}
+
+void StockModel::Impl::check_feed(const Piece& piece) {
+  if (fast_moves >= kMostFastMoves) return;
+  cut_collected();
+  StockField::Probe deepest;
+  for (const Sweep& sweep : tip_sweeps(piece, 0)) {
+    const auto probe = field.probe(sweep);
+    if (probe.depth_mm > deepest.depth_mm) deepest = probe;
+  }
+  if (deepest.depth_mm <= kChip_mm) return;
+  ++fast_moves;
+  const double chip = feed_per_tooth(piece), data = cutters[piece.tool].feed_per_tooth_mm;
+  report("feed", "", piece, "cuts with " + mm(chip) + " a tooth, " + compact(chip / data, 1) + " times the " + compact(data, 4) + " mm of '" +
+                                cutters[piece.tool].name + "'", deepest.place_mm, chip);
+}
+
 /// Checks a move against the stock as it stands and cuts. Runs in the order of time.
 void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
   const Tool& tool = tools[piece.tool];
@@ -461,10 +510,12 @@ void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
   }
 
   if (!obstacles.empty()) check_obstacles(piece);
+  if (cutting && suspicion.tip) check_feed(piece);
 
   bool removes = cutting;
   if (suspicion.body || (!cutting && (suspicion.tip || suspicion.flutes))) {
     cut_collected();  // the stock as it stands when this move starts
+    if (solid) solid->flush();
     const double clearance = piece.move.rapid ? options.rapid_clearance_mm : 0.0;
     const Hits hits = hits_of(piece, suspicion, clearance - kTouch_mm);
     const double length = (piece.move.to.tip_mm - piece.move.from.tip_mm).norm();
@@ -509,6 +560,7 @@ void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
   if (removes) {
     add_cut(piece);
     if (suspicion.flutes && tool.ball) add_flutes(piece);
+    if (solid) cut_solid(piece);
   }
   if (!cutting) {
     end_path();
@@ -530,10 +582,14 @@ StockModel::Impl::Hits StockModel::Impl::hits_of(const Piece& piece, const Suspi
   for (const Tool::Slice& slice : tool.slices) {
     const bool flutes = slice.part == Tool::Part::kFlutes;
     if (flutes ? (cutting || !suspicion.flutes) : !suspicion.body) continue;
-    if (!may_touch(field, slice.body, piece.move.from, piece.move.to, margin)) continue;
-    const auto probe = touch(field, slice.body, piece.move.from, piece.move.to, margin);
     Hit& hit = flutes ? hits.cutter : hits.others;
-    if (probe.depth_mm > hit.probe.depth_mm) hit = {probe, name_of(slice.part)};
+    const auto look = [&](const auto& stock) {
+      if (!may_touch(stock, slice.body, piece.move.from, piece.move.to, margin)) return;
+      const auto probe = touch(stock, slice.body, piece.move.from, piece.move.to, margin);
+      if (probe.depth_mm > hit.probe.depth_mm) hit = {probe, name_of(slice.part)};
+    };
+    look(field);
+    if (solid && !flutes) look(*solid);
   }
   return hits;
 }
@@ -552,6 +608,7 @@ void StockModel::set_cutter(const Cutter& cutter) {
     throw InputError("cutter '" + cutter.name + "': diameter_mm must be above 0 and corner_radius_mm at least 0, not " +
                      compact(cutter.diameter_mm, 4) + " and " + compact(cutter.corner_radius_mm, 4));
   }
+  impl_->cutters.push_back(cutter);
   impl_->tools.emplace_back(cutter);
 }
 
@@ -568,6 +625,7 @@ void StockModel::move(const SweptMove& move) {
   for (int k = 1; k <= count; ++k) {
     SweptMove piece = move;
     piece.from = last;
+    piece.seconds = move.seconds / count;
     piece.to = k == count ? move.to : pose_at(move, angle, static_cast<double>(k) / count);
     last = piece.to;
     impl_->pieces.push_back({piece, index, number});
@@ -579,6 +637,7 @@ void StockModel::flush() {
   impl_->apply();
   impl_->end_path();
   impl_->cut_collected();
+  if (impl_->solid) impl_->solid->flush();
 }
 
 const std::vector<Fault>& StockModel::faults() const {
@@ -593,6 +652,10 @@ MachinedSurface StockModel::surface() const {
   surface.peaks_mm = impl_->field.peaks();
   surface.removed_mm3 = impl_->field.removed_mm3();
   return surface;
+}
+
+std::shared_ptr<const SolidStock> StockModel::solid() const {
+  return impl_->solid;
 }
 
 namespace {

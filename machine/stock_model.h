@@ -11,6 +11,7 @@
 #include "cam/cutter.h"
 #include "design/core/grid.h"
 #include "machine/motion.h"
+#include "machine/solid_stock.h"
 
 namespace lightmill {
 
@@ -18,6 +19,7 @@ struct StockOptions {
   double pitch_mm = 0.02;
   double rapid_clearance_mm = 0.0;  ///< a rapid whose cutter comes nearer to material than this is a fault
   std::optional<KeepOut> table{};   ///< the machine's, workpiece frame: nothing of a cutter may enter it
+  double solid_pitch_mm = 0.0;      ///< of a true solid that is milled beside the height field; 0: none
 };
 
 /// What is left after the program: node (i, j) at extent.min + pitch * (i, j), row 0 at the smallest y.
@@ -39,12 +41,13 @@ class StockModel {
   StockModel(const StockModel&) = delete;
   StockModel& operator=(const StockModel&) = delete;
 
-  /// A blank that was milled before: nothing stands higher than this. Before the first move.
+  /// A blank that was milled before: nothing stands higher than this. Before the first move; the solid stays whole.
   void lower_to(const std::function<double(const Vec2&)>& height_mm);
   /// The cutter that the next moves use.
   void set_cutter(const Cutter& cutter);
   /// A move of the current cutter: feed moves cut; rapids must not touch. Shank and holder must never touch. Faults are of the
-  /// kinds "rapid_in_stock", "spindle_off_in_cut", "collision" (shank, holder or spindle nose in the stock, anything in a keep-out or the table) and "table" (below the blank's back); one that
+  /// kinds "rapid_in_stock", "spindle_off_in_cut", "collision" (shank, holder or spindle nose in the stock, anything in a keep-out or the table), "table" (below the blank's back)
+  /// and "feed" (in the cut at more than three times the cutter's feed per tooth, where that and the speed are known); one that
   /// repeats on consecutive moves or lines is one entry with a count. Throws InputError before the first set_cutter().
   void move(const SweptMove& move);
   /// Applies what is still collected; only then are the faults complete.
@@ -53,6 +56,8 @@ class StockModel {
   [[nodiscard]] const std::vector<Fault>& faults() const;
   /// flush() first. Throws nothing; the model stays usable.
   [[nodiscard]] MachinedSurface surface() const;
+  /// flush() first. Null without one; changed by further moves.
+  [[nodiscard]] std::shared_ptr<const SolidStock> solid() const;
 
  private:
   struct Impl;

@@ -786,6 +786,58 @@ TEST(StockModel, AToolThatLeansIntoTheTableIsCaughtWithItsNose) {
   }
 }
 
+TEST(StockModel, AFeedFarOverTheCuttersDataIsCaughtInTheCutOnly) {
+  Cutter cutter = mill(4, 0);
+  cutter.feed_per_tooth_mm = 0.05;
+  cutter.edges = 2;
+  const auto faults_of = [&](double chip_mm, double z) {
+    StockModel model({{20, 10}, 5}, {0.1, 0});
+    model.set_cutter(cutter);
+    SweptMove move;
+    move.line = 7;
+    move.from = {{-15, 0, z}, Vec3::UnitZ()};
+    move.to = {{15, 0, z}, Vec3::UnitZ()};
+    move.spindle_on = true;
+    move.spindle_rpm = 12000;
+    move.seconds = 30 / (12000 / 60.0 * 2 * chip_mm);
+    model.move(move);
+    model.flush();
+    return model.faults();
+  };
+  EXPECT_TRUE(faults_of(0.1, 4).empty()) << "twice the data";
+  EXPECT_TRUE(faults_of(0.5, 5.1).empty()) << "a link through air";
+  const auto faults = faults_of(0.5, 4);
+  ASSERT_EQ(faults.size(), 1U);
+  EXPECT_EQ(faults.front().kind, "feed");
+  EXPECT_EQ(faults.front().line, 7);
+  EXPECT_NEAR(faults.front().amount_mm, 0.5, 1e-9);
+  EXPECT_NE(faults.front().message.find("10 times"), std::string::npos) << faults.front().message;
+}
+
+TEST(StockModel, AHolderUnderAnOverhangMeetsTheSolidAndNotTheHeights) {
+  // A mill lying down by 60 degrees undercuts the block; then a thick shank comes down on what hangs over.
+  for (const double solid_pitch_mm : {0.0, 0.1}) {
+    StockOptions options;
+    options.pitch_mm = 0.1;
+    options.solid_pitch_mm = solid_pitch_mm;
+    StockModel model({{12, 9}, 5}, options);
+    Cutter thin = mill(1, 0);
+    thin.flute_length_mm = 20;
+    model.set_cutter(thin);
+    const Vec3 axis = leaning(60, 0);
+    feed(model, {{{2, -9, 2}, axis}, {{2, 9, 2}, axis}});
+    Cutter thick = ball(1);
+    thick.flute_length_mm = 1;
+    thick.shank_diameter_mm = 2;
+    model.set_cutter(thick);
+    rapid(model, {{4, 0, 9}, Vec3::UnitZ()}, {{4, 0, 5.5}, Vec3::UnitZ()}, 10);
+    feed(model, {{{4, 0, 5.5}, Vec3::UnitZ()}, {{4, 0, 3.5}, Vec3::UnitZ()}}, 11);
+    model.flush();
+    EXPECT_EQ(model.faults().size(), solid_pitch_mm > 0 ? 1U : 0U);
+    EXPECT_EQ(model.solid() != nullptr, solid_pitch_mm > 0);
+  }
+}
+
 TEST(StockModel, FilesReadBackAsWritten) {
   const auto folder = std::filesystem::temp_directory_path() / "lightmill_stock_test";
   std::filesystem::create_directories(folder);
