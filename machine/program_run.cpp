@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "design/core/text.h"
+#include "machine/detail/fault_picture.h"
 #include "machine/detail/stock_worker.h"
 #include "machine/kinematics.h"
 
@@ -74,6 +75,7 @@ class Runner {
     stock_.finish();
     result_.faults.insert(result_.faults.end(), stock_.faults().begin(), stock_.faults().end());
     result_.surface = stock_.stock().surface();
+    result_.solid = stock_.stock().solid();
     timer_.finish();
     result_.timing = timer_.sections();
     return std::move(result_);
@@ -193,10 +195,11 @@ class Runner {
       const double slack = unit == 1 ? 1e-3 : kLimitSlack;
       if (value >= least - slack && value <= most + slack) return;
       const double amount = value < least ? least - value : value - most;
-      add_fault("limit", step.line,
-                std::string(1, letter) + " would pass its limit " + compact((value < least ? least : most) * unit, 3) +
-                    " " + name + " by " + compact(amount * unit, 3) + " " + name)
-          .amount_mm = amount;
+      Fault& fault = add_fault("limit", step.line,
+                               std::string(1, letter) + " would pass its limit " + compact((value < least ? least : most) * unit, 3) +
+                                   " " + name + " by " + compact(amount * unit, 3) + " " + name);
+      fault.amount_mm = amount;
+      fault.picture = travel_picture(machine_, position(at_), position(step.target), fault.message);
       throw Stopped{};
     };
     const AxisValues& q = step.target;

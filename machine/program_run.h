@@ -22,6 +22,7 @@ struct ProgramRun {
   std::vector<SectionTiming> timing;  ///< of every tool in every program
   std::vector<Fault> faults;   ///< of the control ("error", "limit", "no_tool", "no_program_end"), then of the stock
   MachinedSurface surface;
+  std::shared_ptr<const SolidStock> solid;  ///< null unless asked for
 };
 
 /// One after the other, each from where the last has left the machine. The tool table holds the magazine's true lengths

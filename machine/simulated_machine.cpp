@@ -121,6 +121,13 @@ MachinedSurface SimulatedMachine::machined() {
   return stock->stock().surface();
 }
 
+std::shared_ptr<const SolidStock> SimulatedMachine::solid() {
+  detail::StockWorker* stock = impl_->mill.stock();
+  if (stock == nullptr) return nullptr;
+  stock->finish();
+  return stock->stock().solid();
+}
+
 void serve(SimulatedMachine& machine, PseudoTerminal& terminal, const LineOptions& line,
            const std::function<bool()>& should_end) {
   using std::chrono::milliseconds;

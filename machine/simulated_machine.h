@@ -62,6 +62,8 @@ struct SimulationOptions {
   PlantedFaults planted;
   double drip_block_s = 0.01;  ///< kDripFeed: the control takes a block so often
   double least_starvation_s = 1e-3;  ///< of machine time; shorter standstills in the cut are not counted
+  /// How far a cutter that stands still in the cut sinks in along its axis (a model, see the README); 0: it leaves no mark.
+  double starvation_mark_mm = 1e-3;
 };
 
 /// The cutter stood still in the cut because the planner had run empty: a mark on the part.
@@ -121,6 +123,7 @@ class SimulatedMachine {
   [[nodiscard]] bool dead() const;  ///< without power by a planted fault
   [[nodiscard]] SimulationResult result() const;
   [[nodiscard]] MachinedSurface machined();
+  [[nodiscard]] std::shared_ptr<const SolidStock> solid();  ///< null unless asked for
 
  private:
   struct Impl;

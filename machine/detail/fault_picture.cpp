@@ -14,6 +14,17 @@ constexpr double kWidth_mm = 40, kHeight_mm = 30;  ///< what is seen around the 
 constexpr double kPixelsPerMm = 14;
 constexpr int kColumns = 400;
 
+std::string words(double x, double y, const std::string& text) {
+  return "<text x=\"" + compact(x, 0) + "\" y=\"" + compact(y, 0) + "\" font-family=\"DejaVu Sans, Arial, sans-serif\" font-size=\"13\" fill=\"#1c2430\">" +
+         escaped(text) + "</text>\n";
+}
+
+std::string picture_of(double width, double height) {
+  const std::string w = compact(width, 0), h = compact(height, 0);
+  return "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 " + w + " " + h + "\" width=\"" + w + "\" height=\"" + h + "\">\n<rect width=\"" + w +
+         "\" height=\"" + h + "\" fill=\"#ffffff\"/>\n";
+}
+
 }  // namespace
 
 std::string fault_picture(const StockField& field, const Tool& tool, const ToolPose& pose, const Vec3& motion_mm,
@@ -26,9 +37,7 @@ std::string fault_picture(const StockField& field, const Tool& tool, const ToolP
   const auto x = [&](double s) { return compact((s - left) * kPixelsPerMm, 1); };
   const auto y = [&](double z) { return compact((kHeight_mm - (z - bottom)) * kPixelsPerMm, 1); };
   const auto point = [&](double s, double z) { return x(s) + "," + y(z) + " "; };
-  const std::string width = compact(kWidth_mm * kPixelsPerMm, 0), height = compact(kHeight_mm * kPixelsPerMm, 0);
-  std::string svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 " + width + " " + height + "\" width=\"" + width + "\" height=\"" +
-                    height + "\">\n<rect width=\"" + width + "\" height=\"" + height + "\" fill=\"#ffffff\"/>\n";
+  std::string svg = picture_of(kWidth_mm * kPixelsPerMm, kHeight_mm * kPixelsPerMm);
 
   // The stock along the plane.
   const auto height_at = [&](double s) {
@@ -92,15 +101,54 @@ std::string fault_picture(const StockField& field, const Tool& tool, const ToolP
   }
 
   svg += "<circle cx=\"" + x(0) + "\" cy=\"" + y(place_mm.z()) + "\" r=\"9\" fill=\"none\" stroke=\"#b3261e\" stroke-width=\"2.5\"/>\n";
-  const auto words = [&](double px, double py, const std::string& text) {
-    svg += "<text x=\"" + compact(px, 0) + "\" y=\"" + compact(py, 0) + "\" font-family=\"DejaVu Sans, Arial, sans-serif\" font-size=\"13\" fill=\"#1c2430\">" +
-           escaped(text) + "</text>\n";
-  };
-  words(10, 20, title);
+  svg += words(10, 20, title);
   const double low = kHeight_mm * kPixelsPerMm - 14;
   svg += "<line x1=\"10\" y1=\"" + compact(low, 0) + "\" x2=\"" + compact(10 + 5 * kPixelsPerMm, 0) + "\" y2=\"" + compact(low, 0) +
          "\" stroke=\"#1c2430\" stroke-width=\"3\"/>\n";
-  words(10 + 5 * kPixelsPerMm + 8, low + 5, "5 mm");
+  svg += words(10 + 5 * kPixelsPerMm + 8, low + 5, "5 mm");
+  return svg + "</svg>\n";
+}
+
+std::string travel_picture(const MachineModel& machine, const JointPosition& at, const JointPosition& target, const std::string& title) {
+  struct Bar {
+    std::string letter, unit;
+    double least, most, from, to;
+  };
+  constexpr double kDegreesPerRad = 180 / kPi;
+  std::vector<Bar> bars;
+  const auto linear = [&](const char* letter, const LinearAxis& axis, double from, double to) {
+    bars.push_back({letter, " mm", axis.min_mm, axis.max_mm, from, to});
+  };
+  const auto rotary = [&](const RotaryAxis& axis, double from, double to) {
+    // An endless axis has no travel to draw.
+    if (!std::isfinite(axis.min_rad) || !std::isfinite(axis.max_rad)) return;
+    bars.push_back({std::string(1, axis.letter), " deg", axis.min_rad * kDegreesPerRad, axis.max_rad * kDegreesPerRad, from * kDegreesPerRad, to * kDegreesPerRad});
+  };
+  linear("X", machine.x, at.x_mm, target.x_mm);
+  linear("Y", machine.y, at.y_mm, target.y_mm);
+  linear("Z", machine.z, at.z_mm, target.z_mm);
+  if (machine.has_rotary()) {
+    rotary(machine.outer, at.outer_rad, target.outer_rad);
+    rotary(machine.inner, at.inner_rad, target.inner_rad);
+  }
+  constexpr double kBarLeft = 150, kBarWidth = 300, kBeside = 90, kRow = 46, kBarHeight = 16;
+  std::string svg = picture_of(kWidth_mm * kPixelsPerMm, 50 + kRow * static_cast<double>(bars.size())) + words(10, 20, title);
+  double top = 40;
+  for (const Bar& bar : bars) {
+    const double scale = kBarWidth / std::max(bar.most - bar.least, 1e-9);
+    // What lies far outside is drawn at the picture's edge.
+    const auto x = [&](double value) { return compact(kBarLeft + std::clamp((value - bar.least) * scale, -kBeside, kBarWidth + kBeside), 1); };
+    constexpr double kSlack = 1e-6;
+    const bool passes = bar.to < bar.least - kSlack || bar.to > bar.most + kSlack;
+    const std::string colour = passes ? "#b3261e" : "#1d7a46";
+    const std::string middle = compact(top + kBarHeight / 2, 1);
+    svg += "<rect x=\"" + compact(kBarLeft, 0) + "\" y=\"" + compact(top, 0) + "\" width=\"" + compact(kBarWidth, 0) + "\" height=\"" + compact(kBarHeight, 0) +
+           "\" fill=\"#dde2e8\"/>\n<line x1=\"" + x(bar.from) + "\" y1=\"" + middle + "\" x2=\"" + x(bar.to) + "\" y2=\"" + middle + "\" stroke=\"" + colour +
+           "\" stroke-width=\"4\"/>\n<circle cx=\"" + x(bar.to) + "\" cy=\"" + middle + "\" r=\"6\" fill=\"" + colour + "\"/>\n" +
+           words(10, top + 13, bar.letter + " to " + compact(bar.to, 2) + bar.unit) + words(kBarLeft, top + kBarHeight + 14, compact(bar.least, 1)) +
+           words(kBarLeft + kBarWidth - 30, top + kBarHeight + 14, compact(bar.most, 1));
+    top += kRow;
+  }
   return svg + "</svg>\n";
 }
 

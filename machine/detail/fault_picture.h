@@ -1,4 +1,4 @@
-// A fault as a picture: the cutter, the stock and what stands around them, cut through at the fault's place.
+// Faults as pictures: the cutter, the stock and what stands around them, cut through at the fault's place; travels.
 #pragma once
 
 #include <string>
@@ -7,11 +7,15 @@
 #include "cam/blank.h"
 #include "machine/detail/stock_field.h"
 #include "machine/detail/stock_tool.h"
+#include "postproc/machine_model.h"
 
 namespace lightmill {
 
 /// An SVG, true to scale: the upright plane through `place_mm` that the cutter leans in (or moves in, if it stands upright).
 std::string fault_picture(const StockField& field, const Tool& tool, const ToolPose& pose, const Vec3& motion_mm,
                           const Vec3& place_mm, const std::vector<KeepOut>& obstacles, const std::string& title);
+
+/// An SVG of the axes' travels as bars, where each stands and where a move would take it; what passes a limit is red.
+std::string travel_picture(const MachineModel& machine, const JointPosition& at, const JointPosition& target, const std::string& title);
 
 }  // namespace lightmill

@@ -6,6 +6,7 @@
 
 #include "design/core/text.h"
 #include "machine/detail/controller.h"
+#include "machine/detail/fault_picture.h"
 #include "machine/detail/interpreter.h"
 #include "machine/detail/receive_buffer.h"
 #include "machine/detail/sent_text.h"
@@ -178,15 +179,15 @@ class GrblController final : public Controller {
   void say_ok() { say("ok"); }
   void say_error(int code) { say("error:" + std::to_string(code)); }
 
-  void raise_alarm(int number, const std::string& kind, const std::string& message, double amount_mm = 0) {
+  Fault& raise_alarm(int number, const std::string& kind, const std::string& message) {
     Fault& fault = mill_.add_fault(kind, message, program_line_);
-    fault.amount_mm = amount_mm;
     fault.place_mm = mill_.tip_mm();
     say("ALARM:" + std::to_string(number));
     say("[MSG:Reset to continue]");
     mill_.drop_motions();
     locked_ = needs_reset_ = true;
     mill_.stop_spindle();
+    return fault;
   }
 
   // --- Steps of a line ---
@@ -419,7 +420,9 @@ class GrblController final : public Controller {
     for (const GcodeStep& step : interpreter_.steps()) {
       if (step.kind != GcodeStep::kMove) continue;
       if (const auto past = mill_.overtravel(step.target)) {
-        raise_alarm(2, "limit", past->message + " in '" + std::string(line.substr(0, 80)) + "'", past->amount);
+        Fault& fault = raise_alarm(2, "limit", past->message + " in '" + std::string(line.substr(0, 80)) + "'");
+        fault.amount_mm = past->amount;
+        fault.picture = travel_picture(mill_.machine(), mill_.joints(), to_position(step.target), past->message);
         return;
       }
     }

@@ -146,7 +146,22 @@ ClockTime Mill::next_event() const {
   return ClockTime(static_cast<ClockTime::rep>(std::ceil(end_s * kNanosecondsPerSecond)));
 }
 
+/// The feed's force bends a cutter away from the work; where the feed stops it springs back and cuts that much deeper.
+void Mill::leave_mark() {
+  if (!stock_ || tool_ == nullptr || !(options_.starvation_mark_mm > 0)) return;
+  SweptMove down;
+  down.line = cut_line_;
+  down.from = view_.cutter(joints_, tool_->length_mm);
+  down.to = down.from;
+  down.to.tip_mm -= options_.starvation_mark_mm * down.from.axis;
+  down.spindle_on = true;
+  SweptMove up = down;
+  std::swap(up.from, up.to);
+  stock_->move({down, up});
+}
+
 void Mill::note_starvation(double from_s, double until_s) {
+  leave_mark();
   ++starvations_;
   starved_seconds_ += until_s - from_s;
   Starvation starvation{program_, cut_line_, tip_mm(), until_s - from_s};
@@ -280,9 +295,10 @@ void Mill::add_to(SimulationResult& result) const {
     fault.program = worst.program;
     fault.line = worst.line;
     fault.place_mm = worst.place_mm;
-    fault.amount_mm = 0;
+    fault.amount_mm = stock_ ? options_.starvation_mark_mm : 0;
     fault.message = "the cutter stood still in the cut " + std::to_string(starvations_) +
-                    " times because no line came, longest " + compact(worst.seconds, 3) + " s; each leaves a mark";
+                    " times because no line came, longest " + compact(worst.seconds, 3) + " s; each leaves a mark" +
+                    (fault.amount_mm > 0 ? " (taken as " + compact(fault.amount_mm * 1000, 3) + " um deep)" : "");
     result.faults.push_back(std::move(fault));
   }
 }

@@ -135,6 +135,7 @@ class Mill {
   void add(Planned planned);
   void perform(const Planned& done, double seconds);
   void note_starvation(double from_s, double until_s);
+  void leave_mark();
 };
 
 }  // namespace lightmill::detail

@@ -179,6 +179,47 @@ TEST(Starvation, OnePauseOfTheWireIsOneMark) {
   EXPECT_LT(mark.seconds, 2);
 }
 
+TEST(Starvation, TheMarkIsAsDeepAsSaidWhereTheCutterStood) {
+  // A level groove; once with a pause of the wire, once without.
+  const auto milled = [](double mark_mm, bool late, SimulationResult& result) {
+    SimulationOptions options = in_time();
+    options.remove_stock = true;
+    options.stock.pitch_mm = 0.1;
+    options.starvation_mark_mm = mark_mm;
+    std::vector<LineFault> faults;
+    if (late) faults.push_back({.kind = LineFault::Kind::kLateOk, .to_machine = false, .at = 150, .seconds = 2});
+    test::Lockstep rig(options, {.baud = 115200, .faults = faults});
+    std::string program = "G21 G90 G54\nT1 M6\nG43.1 Z80\nS20000 M3\nG4 P9\nG0 X-18 Y0\nG0 Z20\nG1 Z11 F3000\n";
+    for (int k = 1; k <= 360; ++k) program += "G1 X" + fixed(-18 + 0.1 * k, 2) + " F1200\n";
+    StreamOptions stream;
+    stream.on_operator = [](const std::string&) { return true; };
+    const StreamResult streamed = stream_program(rig.link, program + "G0 Z20\nM5\nM2\n", stream);
+    EXPECT_TRUE(streamed.done()) << streamed.message;
+    result = rig.machine.result();
+    return rig.machine.machined();
+  };
+  SimulationResult ended;
+  const MachinedSurface smooth = milled(0.005, false, ended);
+  EXPECT_EQ(ended.starvations, 0);
+  const MachinedSurface marked = milled(0.005, true, ended);
+  ASSERT_EQ(ended.starvations, 1);
+  EXPECT_EQ(ended.faults.back().amount_mm, 0.005);
+  double deepest = 0;
+  Vec2 place = Vec2::Zero();
+  for (int j = 0; j < smooth.heights_mm.height; ++j) {
+    for (int i = 0; i < smooth.heights_mm.width; ++i) {
+      const double depth = smooth.heights_mm.at(i, j) - marked.heights_mm.at(i, j);
+      EXPECT_GE(depth, 0);
+      if (depth <= deepest) continue;
+      deepest = depth;
+      place = marked.extent.min + marked.pitch_mm * Vec2(i, j);
+    }
+  }
+  EXPECT_NEAR(deepest, 0.005, 1e-6);
+  EXPECT_NEAR(place.x(), ended.worst_starvations.front().place_mm.x(), 0.1) << "as deep all across the groove";
+  EXPECT_EQ(milled(0, true, ended).heights_mm.values, smooth.heights_mm.values);
+}
+
 TEST(Starvation, StopsThatTheProgramWantsAreNone) {
   test::Lockstep rig(in_time(), {.baud = 1200, .faults = {}});
   const StreamResult result =
