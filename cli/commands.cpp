@@ -195,6 +195,8 @@ struct ShopOptions {
   std::string errors;
   int work_offset = 54;
   double pitch_um = 20;
+  double solid_pitch_um = 0;
+  double starvation_mark_um = 1;
   double time_factor = 0;
   int pace_baud = 0;
   std::string protocol = "grblhal";
@@ -210,6 +212,8 @@ struct ShopOptions {
     app->add_option("--work-offset", work_offset, "the offset that is zeroed on the workpiece, 54 to 59")->check(CLI::Range(54, 59));
     app->add_option("--errors", errors, "file with the keys of [dry_run.errors]: how the true machine differs from its file");
     app->add_option("--pitch-um", pitch_um, "grid of the simulated stock in micrometres")->check(CLI::Range(1.0, 1000.0));
+    app->add_option("--solid-pitch-um", solid_pitch_um, "grid of a true solid beside it, for walls and undercuts, in micrometres; 0: none")->check(CLI::Range(0.0, 5000.0));
+    app->add_option("--starvation-mark-um", starvation_mark_um, "depth of the mark that a cutter leaves which the line lets stand in the cut")->check(CLI::Range(0.0, 1000.0));
     app->add_option("--time-factor", time_factor, "0: as fast as it can, 1: real time")->check(CLI::Range(0.0, 1e6));
     app->add_option("--pace-baud", pace_baud, "pace the simulated line; 0: not paced")->check(CLI::Range(0, 4000000));
   }
@@ -234,6 +238,8 @@ struct ShopOptions {
       table.finish();
     }
     result.pitch_um = pitch_um;
+    result.solid_pitch_um = solid_pitch_um;
+    result.starvation_mark_um = starvation_mark_um;
     result.time_factor = time_factor;
     result.baud = pace_baud;
     result.protocol = protocol;

@@ -2,9 +2,11 @@
 #include <chrono>
 #include <map>
 
+#include "cli/cut_out_report.h"
 #include "cli/digest.h"
 #include "cli/machined_light.h"
 #include "cli/pictures.h"
+#include "cli/program_excerpt.h"
 #include "cli/simulation.h"
 #include "cli/spline_file.h"
 #include "cli/stage_runs.h"
@@ -44,6 +46,14 @@ std::vector<fs::path> programs_of(const RunFolder& folder, std::vector<Fault>& f
   return programs;
 }
 
+/// The place of a fault in the program's text, for those that have no section through the stock.
+std::string excerpt_of(const RunFolder& folder, const Fault& fault) {
+  const fs::path program = folder.file("program/" + fault.program);
+  std::error_code error;
+  if (fault.line <= 0 || fault.program.empty() || !fs::exists(program, error)) return "";
+  return program_excerpt(read_whole(program), fault.line, fault.program + ": " + fault.message);
+}
+
 std::string picture_name(int number) { return "dry_run/fault_" + std::string(number < 10 ? "0" : "") + std::to_string(number) + ".svg"; }
 
 json to_json(const CuspDiffraction& diffraction) {
@@ -54,7 +64,13 @@ json to_json(const CuspDiffraction& diffraction) {
   return {{"phase_rad", diffraction.phase_rad}, {"order_spacing_mm", diffraction.order_spacing_mm}, {"rms_mm", diffraction.rms_mm}, {"orders", orders}};
 }
 
+/// Left out along the outline: a polish rounds the rim anyway.
+constexpr double kPolishRim_mm = 1;
+
 std::string place(const Vec2& p) { return "x " + fixed(p.x(), 2) + ", y " + fixed(p.y(), 2) + " mm"; }
+
+/// Of faults in all; the rest have their places in words.
+constexpr int kMostPictures = 24;
 
 Fault surface_fault(const std::string& kind, const std::string& message, const Vec2& where, double amount_um) {
   Fault fault;
@@ -62,6 +78,7 @@ Fault surface_fault(const std::string& kind, const std::string& message, const V
   fault.message = message;
   fault.place_mm = Vec3(where.x(), where.y(), 0);
   fault.amount_mm = amount_um / 1000;
+  fault.picture = "dry_run/deviation.png";
   return fault;
 }
 
@@ -105,6 +122,15 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   const double range = std::clamp(3 * std::max(deviation.p99_cusp_um, 0.5), 1.0, 1000.0);
   write_deviation_picture(folder.file("dry_run/deviation.png"), deviation.deviation_um, range);
 
+  StageResult result;
+  json& report = result.report["dry_run"];
+  if (const fs::path file = folder.file("dry_run/solid.bin"); is_cut_out(job) && fs::exists(file)) {
+    const SolidStock solid = SolidStock::read(file);
+    report["cut_out"] = cut_out_report(job, design, solid, faults);
+    write_height_picture(folder.file("dry_run/tabs.png"), tabs_from_above(job, solid), solid.pitch_mm().x());
+    result.files.insert(result.files.end(), {"dry_run/solid.bin", "dry_run/tabs.png"});
+  }
+
   // Light through the machined surface, raw and polished.
   const double white = display_white(light.target());
   const auto cast = [&](const Grid<float>& heights, const char* picture, const Monitor& part) {
@@ -112,15 +138,10 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
     write_png8(folder.file(picture), display_picture(caustic.flux, job.receiver.viewed_from, white));
     return to_json(measure_caustic(caustic, light.target()));
   };
-  StageResult result;
-  json& report = result.report["dry_run"];
   report["caustic"]["raw"] = cast(machined.heights_mm, "dry_run/caustic_machined_raw.png", monitor.part(0.88, 0.93));
   const Grid<float> polished = light.polished(machined, job.dry_run.polish_sigma_um);
   report["caustic"]["polished"] = cast(polished, "dry_run/caustic_machined.png", monitor.part(0.93, 1));
-  constexpr double kPolishRim_mm = 1;
-  if (!light.outline_if_beside()) {
-    report["polish_removal_um"] = polish_removal_um(machined.heights_mm, polished, static_cast<int>(kPolishRim_mm / machined.pitch_mm));
-  }
+  report["polish_removal_um"] = polish_removal_um(machined, polished, light.outline(), kPolishRim_mm);
   if (const double period = cam.value("/finish/stepover_mm"_json_pointer, 0.0); job.dry_run.wavelength_um > 0 && period > 0) {
     CuspGrating grating{period, deviation.p99_cusp_um, 0, job.lens.refractive_index, job.receiver.distance_mm, job.dry_run.wavelength_um};
     report["diffraction"]["raw"] = to_json(cusp_diffraction(grating));
@@ -130,6 +151,13 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
     report["diffraction"]["wavelength_um"] = job.dry_run.wavelength_um;
   }
 
+  const json postproc = folder.report().value("postproc", json::object());
+  const json timings = pass_timings(outcome.timing, postproc, read_machine(shop.machine_file));
+  // A run that stopped early says so by itself.
+  if (outcome.faults.empty()) {
+    for (const Fault& fault : feed_faults(timings, cam, postproc)) faults.push_back(fault);
+  }
+
   json list = json::array();
   std::map<std::string, long> kinds;
   int pictures = 0;
@@ -137,7 +165,8 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   for (int k = 1; fs::remove(folder.file(picture_name(k)), ignored); ++k) {
   }
   for (Fault& fault : faults) {
-    if (!fault.picture.empty()) {
+    if (fault.picture.empty() && pictures < kMostPictures) fault.picture = excerpt_of(folder, fault);
+    if (fault.picture.starts_with("<svg")) {
       const std::string name = picture_name(++pictures);
       write_whole(folder.file(name), fault.picture);
       result.files.push_back(name);
@@ -175,7 +204,7 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   report["limit_violations"] = kinds["limit"];
   report["collisions"] = kinds["collision"] + kinds["rapid_in_stock"];
   report["minutes"] = total_minutes(outcome.timing);
-  report.update(pass_timings(outcome.timing, folder.report().value("postproc", json::object()), read_machine(shop.machine_file)));
+  report.update(timings);
   report["removed_mm3"] = outcome.removed_mm3;
   report["link"] = {{"lines", outcome.lines},
                     {"lines_per_second", stream_seconds > 0 ? static_cast<double>(stream_lines) / stream_seconds : 0},

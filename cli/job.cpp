@@ -62,6 +62,13 @@ double positive(TomlTable& table, std::string_view key, double fallback, double 
   return value;
 }
 
+/// A number, or nothing where the key says "auto" or is not there.
+std::optional<double> number_or_auto(TomlTable& table, std::string_view key, double least, double most) {
+  if (table.is_text(key)) table.choice(key, "auto", {"auto"});
+  else if (table.has(key)) return table.number_in(key, least, least, most);
+  return std::nullopt;
+}
+
 /// A path in the job; relative ones are relative to the job's folder. Empty stays empty.
 fs::path path_in(TomlTable& table, std::string_view key, const fs::path& folder, const fs::path& fallback = {}) {
   const std::string text = table.text(key, "");
@@ -214,11 +221,7 @@ void read_stock(TomlTable table, Job& job) {
     stock.height_mm = positive(table, "height_mm", 0, 1000);
   }
   stock.allowance_mm = table.number_in("allowance_mm", stock.allowance_mm, 0, 100);
-  if (table.is_text("margin_mm")) {
-    table.choice("margin_mm", "auto", {"auto"});
-  } else if (table.has("margin_mm")) {
-    stock.margin_mm = table.number_in("margin_mm", 0, 0, 1000);
-  }
+  stock.margin_mm = number_or_auto(table, "margin_mm", 0, 1000);
   stock.material = table.text("material", stock.material);
   for (const auto& row : table.number_rows("keep_outs", 6)) {
     const KeepOut box{{row[0], row[1], row[2]}, {row[3], row[4], row[5]}};
@@ -364,6 +367,9 @@ void read_controller(TomlTable table, Job& job) {
 void read_dry_run(TomlTable table, Job& job) {
   DryRunSpec& o = job.dry_run;
   o.pitch_um = table.number_in("pitch_um", o.pitch_um, 1, 1000);
+  o.solid_pitch_um = number_or_auto(table, "solid_pitch_um", 0, 5000);
+  o.starvation_mark_um = table.number_in("starvation_mark_um", o.starvation_mark_um, 0, 1000);
+  o.wall_tolerance_um = table.number_in("wall_tolerance_um", o.wall_tolerance_um, 0, 1000);
   o.polish_sigma_um = table.number_in("polish_sigma_um", o.polish_sigma_um, 0, 10000);
   o.wavelength_um = table.number_in("wavelength_um", o.wavelength_um, 0, 20);
   if (job.finish.blur_mm) {
@@ -445,6 +451,7 @@ bool is_picture(const fs::path& path) {
 class Section {
  public:
   Section& put(std::string_view key, double value) { return line(key, number(value)); }
+  Section& put(std::string_view key, const std::optional<double>& value) { return value ? put(key, *value) : put(key, "auto"); }
   Section& put(std::string_view key, int value) { return line(key, std::to_string(value)); }
   Section& put(std::string_view key, bool value) { return line(key, value ? "true" : "false"); }
   Section& put(std::string_view key, const Vec2& v) { return line(key, "[" + number(v.x()) + ", " + number(v.y()) + "]"); }
@@ -551,6 +558,11 @@ double blank_margin_mm(const Job& job) {
   return job.stock.margin_mm.value_or(is_cut_out(job) ? job.rough.cutter.diameter_mm + kOutsideMillMm : 0);
 }
 
+double solid_pitch_um(const Job& job) {
+  constexpr double kForWalls_um = 100;
+  return job.dry_run.solid_pitch_um.value_or(is_cut_out(job) ? kForWalls_um : 0);
+}
+
 Job read_job_text(std::string_view toml, const std::string& name, const fs::path& folder) {
   Job job;
   job.name = fs::path(name).stem().string();
@@ -638,17 +650,9 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                         ", direction = " + Section::number(w.direction) + ", flux = " + Section::number(w.flux) +
                         ", smoothness = " + Section::number(w.smoothness) + " }\n";
   Section stock;
-  if (job.stock.height_mm) {
-    stock.put("height_mm", *job.stock.height_mm);
-  } else {
-    stock.put("height_mm", "auto");
-  }
-  if (job.stock.margin_mm) {
-    stock.put("margin_mm", *job.stock.margin_mm);
-  } else {
-    stock.put("margin_mm", "auto");
-  }
-  sections["stock"] = stock.put("allowance_mm", job.stock.allowance_mm)
+  sections["stock"] = stock.put("height_mm", job.stock.height_mm)
+                          .put("margin_mm", job.stock.margin_mm)
+                          .put("allowance_mm", job.stock.allowance_mm)
                           .put("keep_outs", job.stock.keep_outs)
                           .put("material", job.stock.material)
                           .put("work_holding", job.stock.work_holding);
@@ -707,6 +711,9 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                                .put("arcs", job.controller.arcs);
   sections["dry_run"] = Section()
                             .put("pitch_um", job.dry_run.pitch_um)
+                            .put("solid_pitch_um", job.dry_run.solid_pitch_um)
+                            .put("starvation_mark_um", job.dry_run.starvation_mark_um)
+                            .put("wall_tolerance_um", job.dry_run.wall_tolerance_um)
                             .put("polish_sigma_um", job.dry_run.polish_sigma_um)
                             .put("wavelength_um", job.dry_run.wavelength_um)
                             .put("gouge_tolerance_um", job.dry_run.gouge_tolerance_um)

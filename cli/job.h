@@ -93,6 +93,9 @@ struct ControllerSpec {
 
 struct DryRunSpec {
   double pitch_um = 20;
+  std::optional<double> solid_pitch_um; ///< of the true solid beside the heights, 0: none; empty: "auto", 100 where the part is cut out
+  double starvation_mark_um = 1;        ///< how far a cutter that the line lets stand in the cut sinks in (a model)
+  double wall_tolerance_um = 20;        ///< a wall that is farther off the outline is a fault
   double polish_sigma_um = 100;         ///< hand polish as a Gaussian low-pass of the heights; 0: as milled
   double wavelength_um = 0.55;          ///< of the light that the cusps diffract; 0: not looked at
   double gouge_tolerance_um = 1;        ///< deeper below the reachable surface is a fault
@@ -138,6 +141,8 @@ bool is_cut_out(const Job& job);
 double blank_margin_mm(const Job& job);
 /// Length and width of the blank: the part and its margin.
 Vec2 blank_size_mm(const Job& job);
+/// Of the dry run's solid; 0: none.
+double solid_pitch_um(const Job& job);
 /// Jaws, clamps and what else holds the blank.
 std::vector<KeepOut> keep_outs_of(const Job& job);
 

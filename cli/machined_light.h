@@ -18,6 +18,7 @@ class MachinedLight {
   MachinedLight(const Job& job, const SplineSurface& design, const Blank& blank);
 
   [[nodiscard]] const TargetLight& target() const { return target_; }
+  [[nodiscard]] const Outline& outline() const { return outline_; }
   /// The lens's outline where the blank is larger than the lens.
   [[nodiscard]] std::optional<Outline> outline_if_beside() const;
   /// The low-pass of the job's polish model; beside the outline the designed surface goes on, so that the slot around the

@@ -103,6 +103,20 @@ std::optional<KeepOut> table_of(const MachineModel& machine, const SimulatedShop
   return KeepOut{centre - half - Vec3(0, 0, 1000), centre + half};
 }
 
+StockOptions stock_options(const SimulatedShop& shop, const MachineModel& machine) {
+  StockOptions options;
+  options.pitch_mm = shop.pitch_um / 1000;
+  options.solid_pitch_mm = shop.solid_pitch_um / 1000;
+  options.table = table_of(machine, shop);
+  return options;
+}
+
+/// Nothing of an earlier run may be taken for this one's.
+void remove_stale(const fs::path& out) {
+  std::error_code error;
+  for (const char* stale : {"port", "machined.tif", "machined_peaks.tif", "solid.bin", "result.json", "errors.toml"}) fs::remove(out / stale, error);
+}
+
 }  // namespace
 
 SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrides& overrides) {
@@ -122,6 +136,8 @@ SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrid
                                            shop.work_offset).origin_mm;
   shop.errors = job.dry_run.errors;
   shop.pitch_um = job.dry_run.pitch_um;
+  shop.solid_pitch_um = solid_pitch_um(job);
+  shop.starvation_mark_um = job.dry_run.starvation_mark_um;
   shop.time_factor = job.dry_run.time_factor;
   return shop;
 }
@@ -169,6 +185,8 @@ std::vector<std::string> machine_arguments(const SimulatedShop& shop, const fs::
       "--origin=" + numbers(shop.workpiece_origin_mm),
       "--work-offset=" + std::to_string(shop.work_offset),
       "--pitch-um=" + compact(shop.pitch_um, 6),
+      "--solid-pitch-um=" + compact(shop.solid_pitch_um, 6),
+      "--starvation-mark-um=" + compact(shop.starvation_mark_um, 6),
       "--time-factor=" + compact(shop.time_factor, 6),
       "--pace-baud=" + std::to_string(shop.baud),
       "--out=" + out.string()};
@@ -189,8 +207,8 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
     reader_dialect(machine.controller);  // says now what cannot be read
     options.remove_stock = false;
   }
-  options.stock.pitch_mm = shop.pitch_um / 1000;
-  options.stock.table = table_of(machine, shop);
+  options.stock = stock_options(shop, machine);
+  options.starvation_mark_mm = shop.starvation_mark_um / 1000;
   LineOptions line;
   line.baud = shop.baud;
   line.even_parity = takes_text;
@@ -219,6 +237,7 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
   }
   const MachinedSurface surface = simulated.machined();
   write_machined(out / "machined.tif", surface);
+  if (const auto solid = simulated.solid()) solid->write(out / "solid.bin");
   json record = {{"lines", result.lines},
                  {"timing", json::array()},
                  {"received_bytes", result.received_bytes},
@@ -255,7 +274,7 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
   const fs::path link = out / "port";
   const fs::path log = out / "machine.log";
-  for (const char* stale : {"port", "machined.tif", "machined_peaks.tif", "result.json", "errors.toml"}) fs::remove(out / stale, error);
+  remove_stale(out);
 
   // The machine lives in another process and is reached as a serial port is.
   std::vector<std::string> arguments = machine_arguments(shop, link, out);
@@ -362,20 +381,18 @@ SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string
   std::error_code error;
   fs::create_directories(out, error);
   if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
-  for (const char* stale : {"machined.tif", "machined_peaks.tif", "result.json", "errors.toml"}) fs::remove(out / stale, error);
+  remove_stale(out);
   const MachineModel machine = read_machine(shop.machine_file);
   const OperatorSetup setup = setup_of(shop, machine);
-  StockOptions stock;
-  stock.pitch_mm = shop.pitch_um / 1000;
-  stock.table = table_of(machine, shop);
   std::vector<ProgramFile> files;
   SimulationOutcome outcome;
   for (const auto& program : programs) {
     files.push_back({program.filename().string(), read_whole(program)});
     outcome.bytes_received += static_cast<long>(files.back().text.size());
   }
-  ProgramRun run = run_programs(machine, reader_dialect(dialect), setup, files, stock, monitor);
+  ProgramRun run = run_programs(machine, reader_dialect(dialect), setup, files, stock_options(shop, machine), monitor);
   write_machined(out / "machined.tif", run.surface);
+  if (run.solid) run.solid->write(out / "solid.bin");
   outcome.faults = std::move(run.faults);
   outcome.lines = run.blocks;
   for (const SectionTiming& section : run.timing) {

@@ -30,6 +30,8 @@ struct SimulatedShop {
   int work_offset = 54;                     ///< the one the operator has zeroed on the workpiece
   MachineErrors errors;                     ///< how the true machine differs from its file
   double pitch_um = 20;                     ///< of the stock's grid
+  double solid_pitch_um = 0;                ///< of the solid beside it; 0: none
+  double starvation_mark_um = 1;            ///< left where the cutter stands in the cut
   double time_factor = 0;                   ///< 0: as fast as it can
   int baud = 0;                             ///< 0: not paced
   std::string protocol = "grblhal";         ///< of the control on the wire
@@ -42,7 +44,7 @@ SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrid
 /// What the operator has put on the machine; the spindle's nose ends every holder.
 OperatorSetup setup_of(const SimulatedShop& shop, const MachineModel& machine);
 
-/// What came of it. Faults of the machine, the stock and the line; the surface is in OUT/machined.tif.
+/// What came of it. Faults of the machine, the stock and the line; the surface is in OUT/machined.tif, a solid in OUT/solid.bin.
 struct SimulationOutcome {
   std::vector<Fault> faults;
   std::vector<StreamResult> streams;        ///< one per program that was started
@@ -59,7 +61,8 @@ struct SimulationOutcome {
 /// The arguments of `lightmill machine` for this shop (without the program's name).
 std::vector<std::string> machine_arguments(const SimulatedShop& shop, const std::filesystem::path& link, const std::filesystem::path& out);
 
-/// The child's side: serves the machine behind `link` until `should_end()`, then writes OUT/machined.tif and OUT/result.json.
+/// The child's side: serves the machine behind `link` until `should_end()`, then writes OUT/machined.tif, OUT/solid.bin if there
+/// is a solid, and OUT/result.json.
 void serve_machine(const SimulatedShop& shop, const std::filesystem::path& link, const std::filesystem::path& out,
                    const std::function<bool()>& should_end);
 

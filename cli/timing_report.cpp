@@ -14,6 +14,9 @@ using nlohmann::json;
 namespace {
 
 constexpr double kDegreesPerRad = 180 / kPi;
+/// A program takes the planned time within a hundredth, but for dwells and the way to the tool, which it has besides.
+constexpr double kQuicker = 0.8, kSlower = 1.25;
+constexpr double kBesideMinutes = 1;
 /// Feeds that are slower than half for less than this share of a pass's time are its turns and ends.
 constexpr double kWorthANote = 0.01;
 
@@ -91,6 +94,7 @@ double total_minutes(const std::vector<ProgramSection>& sections) {
 json pass_timings(const std::vector<ProgramSection>& sections, const json& postproc, const MachineModel& machine) {
   std::map<std::string, MotionTiming> timings;
   std::map<std::string, std::string> slow_program;
+  std::map<std::string, std::pair<std::string, long>> begins;
   std::map<std::string, std::size_t> tools;  // of a program so far
   int tool = 0;
   std::string program;
@@ -103,6 +107,7 @@ json pass_timings(const std::vector<ProgramSection>& sections, const json& postp
     program = s.program;
     tool = s.section.tool;
     const std::string& pass = passes[std::min(tools[s.program], passes.size() - 1)];
+    begins.try_emplace(pass, s.program, s.section.line);
     MotionTiming& timing = timings[pass];
     const double slowest = timing.slow_line_seconds;
     timing.add(s.section.timing);
@@ -115,7 +120,9 @@ json pass_timings(const std::vector<ProgramSection>& sections, const json& postp
     const double commanded = t.commanded_feed_seconds > 0 ? t.feed_mm / t.commanded_feed_seconds * 60 : 0;
     const double slow = t.feed_seconds > 0 ? t.slow_seconds / t.feed_seconds : 0;
     json& out = result[pass];
-    out = {{"minutes", t.seconds / 60},
+    out = {{"program", begins[pass].first},
+           {"line", begins[pass].second},
+           {"minutes", t.seconds / 60},
            {"commanded_minutes", t.commanded_seconds / 60},
            {"blocks", t.blocks},
            {"stops", t.stops},
@@ -131,6 +138,24 @@ json pass_timings(const std::vector<ProgramSection>& sections, const json& postp
                   fixed(reached, 0) + " mm/min";
   }
   return result;
+}
+
+std::vector<Fault> feed_faults(const json& passes, const json& cam, const json& postproc) {
+  std::vector<Fault> faults;
+  for (const auto& [pass, timing] : passes.items()) {
+    const double planned = cam.value(json::json_pointer("/" + pass + "/minutes"), 0.0);
+    const double slowing = std::max(1.0, postproc.value(json::json_pointer("/" + pass + "/worst_slowing"), 1.0));
+    const double commanded = timing.at("commanded_minutes");
+    if (planned <= 0 || (commanded >= kQuicker * planned && commanded <= kSlower * slowing * planned + kBesideMinutes)) continue;
+    Fault fault;
+    fault.kind = "feed";
+    fault.program = timing.at("program");
+    fault.line = timing.at("line");
+    fault.message = pass + ": at its feeds the program takes " + fixed(commanded, 1) + " minutes, the plan " + fixed(planned, 1) +
+                    "; look at the F words, or write it again with: lightmill post";
+    faults.push_back(fault);
+  }
+  return faults;
 }
 
 }  // namespace lightmill

@@ -25,6 +25,10 @@ SectionTiming section_from(const nlohmann::json& record);
 nlohmann::json pass_timings(const std::vector<ProgramSection>& sections, const nlohmann::json& postproc,
                             const MachineModel& machine);
 
+/// A fault "feed" for each pass whose program asks for clearly less or more time at its feeds than was planned: `passes` from
+/// pass_timings(), `cam` and `postproc` from report.json.
+std::vector<Fault> feed_faults(const nlohmann::json& passes, const nlohmann::json& cam, const nlohmann::json& postproc);
+
 /// Of all sections, dwells included.
 double total_minutes(const std::vector<ProgramSection>& sections);
 

@@ -252,11 +252,13 @@ Grid<float> polish(const Grid<float>& heights_mm, double pitch_mm, double sigma_
   return result;
 }
 
-double polish_removal_um(const Grid<float>& milled_mm, const Grid<float>& polished_mm, int rim_nodes) {
+double polish_removal_um(const MachinedSurface& milled, const Grid<float>& polished_mm, const Outline& outline, double rim_mm) {
+  const OutlineRegion looked_at(outline, -rim_mm);
   double most = 0;
-  for (int j = rim_nodes; j < milled_mm.height - rim_nodes; ++j) {
-    for (int i = rim_nodes; i < milled_mm.width - rim_nodes; ++i) {
-      most = std::max(most, static_cast<double>(polished_mm.at(i, j)) - milled_mm.at(i, j));
+  for (int j = 0; j < polished_mm.height; ++j) {
+    for (int i = 0; i < polished_mm.width; ++i) {
+      if (!looked_at.contains(milled.extent.min + milled.pitch_mm * Vec2(i, j))) continue;
+      most = std::max(most, static_cast<double>(polished_mm.at(i, j)) - milled.heights_mm.at(i, j));
     }
   }
   return most * 1000;

@@ -47,8 +47,8 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
 Grid<float> polish(const Grid<float>& heights_mm, double pitch_mm, double sigma_um);
 
 /// A polish takes away and adds nothing: how far below the milled surface the smoothed one must lie so that it is nowhere
-/// above it, which is also the mean depth removed. All but a rim is looked at.
-double polish_removal_um(const Grid<float>& milled_mm, const Grid<float>& polished_mm, int rim_nodes);
+/// above it, which is also the mean depth removed. Inside the lens's outline all but a rim is looked at.
+double polish_removal_um(const MachinedSurface& milled, const Grid<float>& polished_mm, const Outline& outline, double rim_mm);
 
 /// Heights for a drawing: means of square blocks so that the longer side has at most `most_nodes`.
 Grid<float> thinned(const Grid<float>& heights, int most_nodes);

@@ -1,5 +1,5 @@
 // What the stock model costs: roughing, semi-finishing and finishing of a wavy lens at 20 um.
-//   stock_bench [side_mm] [pitch_mm] [direction_deg]     default 100 0.02 0
+//   stock_bench [side_mm] [pitch_mm] [direction_deg] [stepover_mm] [solid_pitch_mm]     default 100 0.02 0 0.13 0
 #include <sys/resource.h>
 
 #include <chrono>
@@ -141,10 +141,17 @@ int main(int argc, char** argv) {
   g_side = argc > 1 ? std::atof(argv[1]) : 100;
   const double pitch = argc > 2 ? std::atof(argv[2]) : 0.02;
   const double direction = argc > 3 ? std::atof(argv[3]) * kPi / 180 : 0;
-  StockModel model({{g_side, g_side}, 15}, {pitch, 0});
+  const double stepover = argc > 4 ? std::atof(argv[4]) : 0.13;
+  StockOptions options;
+  options.pitch_mm = pitch;
+  options.solid_pitch_mm = argc > 5 ? std::atof(argv[5]) : 0;
+  StockModel model({{g_side, g_side}, 15}, options);
   rough(model);
   ball_passes(model, "semi_finish", 0.4, 0.05, direction);
-  ball_passes(model, "finish", 0.13, 0, direction);
+  ball_passes(model, "finish", stepover, 0, direction);
+  if (const auto solid = model.solid()) {
+    std::printf("solid: %.1f mm3 left, %.1f MB, %zu pieces\n", solid->volume_mm3(), static_cast<double>(solid->bytes()) / 1e6, solid->pieces().size());
+  }
   for (const Fault& fault : model.faults())
     std::printf("FAULT %s line %ld: %s\n", fault.kind.c_str(), fault.line, fault.message.c_str());
   const Clock surfacing{"surface()"};

@@ -5,8 +5,10 @@
 #include <signal.h>
 
 #include <chrono>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <random>
+#include <regex>
 #include <thread>
 
 #include "cli/npy.h"
@@ -178,6 +180,27 @@ TEST(Chain, ADiskWithALandIsMilledAndCutOut) {
   EXPECT_LT(report.at("/dry_run/max_cusp_um"_json_pointer), 4.6) << "4 um were asked for";
   EXPECT_LT(report.at("/dry_run/caustic/polished/l1_error"_json_pointer), 0.4);
   EXPECT_NEAR(report.at("/cam/blank/size_mm/0"_json_pointer), 11 + 2 * (2 + 12), 1e-9);
+  const json cut_out = report.at("/dry_run/cut_out"_json_pointer);
+  EXPECT_EQ(cut_out.at("held"), true);
+  EXPECT_EQ(cut_out.at("pieces"), 1);
+  ASSERT_EQ(cut_out.at("tabs").size(), 1U);
+  EXPECT_NEAR(cut_out.at("tabs")[0].at("height_mm"), 0.4, 0.005);
+  EXPECT_LT(cut_out.at("walls").at("max_left_um"), 7);
+  EXPECT_LT(cut_out.at("walls").at("max_gouge_um"), 1);
+  EXPECT_GT(report.at("/dry_run/polish_removal_um"_json_pointer), 0.5);
+  EXPECT_LT(report.at("/dry_run/polish_removal_um"_json_pointer), 4);
+
+  // The tab cut through, and the finish ten times too fast: both are said with a picture.
+  const fs::path profile = fs::path(run) / "program/40_profile.nc", finish = fs::path(run) / "program/30_finish.nc";
+  spill(profile, std::regex_replace(slurp(profile), std::regex("Z0\\.[1234]\\d*"), "Z0.1"));
+  spill(finish, std::regex_replace(slurp(finish), std::regex("F(\\d+)"), "F$010"));
+  EXPECT_EQ(lightmill_command({"dry-run", run}).code, 5);
+  std::map<std::string, json> first;
+  const json list = json::parse(slurp(fs::path(run) / "dry_run/faults.json"));
+  for (const json& fault : list["faults"]) first.try_emplace(fault["kind"], fault);
+  ASSERT_TRUE(first.contains("tabs") && first.contains("feed"));
+  EXPECT_GT(first["feed"]["line"], 20);
+  for (const char* kind : {"tabs", "feed"}) EXPECT_TRUE(fs::exists(fs::path(run) / first[kind]["picture"].get<std::string>())) << kind;
 }
 
 TEST(Chain, ZigZagAndSpiralAreMilledWithoutAFault) {

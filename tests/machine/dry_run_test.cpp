@@ -236,6 +236,23 @@ TEST(Polish, KeepsPlanesUpToTheRimAndComposes) {
   EXPECT_THROW(polish(heights, 0, 1), InputError);
 }
 
+TEST(Polish, TakesAwayAtLeastWhatLiesHighestOverTheMilledSurface) {
+  // One milled pit 3 um deep in a plane inside the disk, and a deep slot around it that does not count.
+  MachinedSurface milled;
+  milled.pitch_mm = 0.05;
+  milled.extent = Box2::centred({12, 12});
+  milled.heights_mm = Grid<float>(241, 241, 5);
+  Grid<float> polished = milled.heights_mm;
+  milled.heights_mm.at(130, 121) = 5 - 0.003F;
+  for (int i = 0; i < 241; ++i) milled.heights_mm.at(i, 10) = 0;
+  const Outline disk{Outline::Shape::kDisk, {10, 10}, {}};
+  EXPECT_NEAR(polish_removal_um(milled, polished, disk, 0.5), 3, 1e-3);
+  // In the rim it does not count, either.
+  milled.heights_mm.at(130, 121) = 5;
+  milled.heights_mm.at(120 + 96, 121) = 4;
+  EXPECT_EQ(polish_removal_um(milled, polished, disk, 0.5), 0);
+}
+
 TEST(DeviationPicture, IsWhiteAtZeroRedAboveBlueBelowAndTopRowFirst) {
   Grid<float> deviation(6, 4, 0.0F);
   for (int i = 0; i < 6; ++i) deviation.at(i, 0) = -5;  // smallest y
