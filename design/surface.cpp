@@ -544,8 +544,13 @@ void close_picture_loop(const TargetLight& picture, const SurfaceOptions& option
   std::vector<Vec2> places;
   for (const VertexLight& ray : aim.light) places.push_back(ray.source_mm);
   const int along = static_cast<int>(std::sqrt(static_cast<double>(count)) / kVerticesPerPixel);
-  const detail::PictureLoop loop(picture, std::max(kLeastPixels, along), surface.mesh.triangles, std::move(flux), places,
-                                 surface.targets_mm, aim.creases);
+  // With seams joined most is gained; where the light of curves is what stretches across the dark, nothing is.
+  const std::vector<Vec2> targets_at_start = surface.targets_mm;
+  std::optional<detail::PictureLoop> loop;
+  const auto build = [&](detail::Seams seams) {
+    loop.emplace(picture, std::max(kLeastPixels, along), surface.mesh.triangles, flux, places, targets_at_start, aim.creases, seams);
+  };
+  build(detail::Seams::kJoined);
   const ReceiverFrame frame = receiver_frame(lens, receiver);
   const auto landed = [&] {
     const std::vector<Vec3> normals = surface_normals(surface.mesh, energy.rings, aim.creases);
@@ -563,23 +568,24 @@ void close_picture_loop(const TargetLight& picture, const SurfaceOptions& option
 
   const int turns = options.picture_turns;
   std::vector<Vec2> ends = landed();
-  detail::PictureLoop::Errors errors = loop.errors(ends);
+  detail::PictureLoop::Errors errors = loop->errors(ends);
   std::vector<double>& history = surface.summary.picture_errors;
   history.push_back(errors.sum);
   const std::vector<double>& missing = errors.missing.values;
   if (std::all_of(missing.begin(), missing.end(), [](double m) { return m == 0; })) return;  // all light is for curves
   double share = 1;
+  bool joined = true;
   for (int turn = 0; turn < turns; ++turn) {
     monitor.report("correcting by the picture", static_cast<double>(turn) / turns);
     const std::vector<Vec3> positions_before = positions;
     const std::vector<Vec2> targets_before = surface.targets_mm;
-    const std::vector<Vec2> moves = loop.moves(errors, ends);
+    const std::vector<Vec2> moves = loop->moves(errors, ends);
     for (std::size_t v = 0; v < count; ++v) surface.targets_mm[v] += share * moves[v];
     set_targets(energy, positions, aim, surface.targets_mm, integrator, lens, receiver, options);
     settling.settle(kRoughTolerance, positions, monitor.part(static_cast<double>(turn) / turns, (turn + 1.0) / turns));
     put_on_floor(positions, lens.thickness_mm);
     std::vector<Vec2> ends_now = landed();
-    detail::PictureLoop::Errors errors_now = loop.errors(ends_now);
+    detail::PictureLoop::Errors errors_now = loop->errors(ends_now);
     const double gain = 1 - errors_now.sum / errors.sum;
     if (gain > 0) {
       ends = std::move(ends_now);
@@ -590,6 +596,11 @@ void close_picture_loop(const TargetLight& picture, const SurfaceOptions& option
       surface.targets_mm = targets_before;
     }
     if (gain >= kLeastGain) continue;
+    if (joined) {
+      joined = false;
+      build(detail::Seams::kParted);
+      continue;
+    }
     share /= 2;
     if (share < kLeastShare) return;
   }

@@ -64,7 +64,7 @@ struct PictureLoop::Factor {
 
 PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vector<std::array<int, 3>>& triangles,
                          std::vector<double> flux, const std::vector<Vec2>& places, const std::vector<Vec2>& targets,
-                         const Creases& creases)
+                         const Creases& creases, Seams seams)
     : triangles_(triangles),
       flux_(std::move(flux)),
       gradients_(triangles.size()),
@@ -105,22 +105,22 @@ PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vect
   double diagonal = 0;
   for (std::size_t t = 0; t < triangles.size(); ++t) {
     const auto& c = triangles[t];
-    if (creases.torn(c[0], c[1]) || creases.torn(c[1], c[2]) || creases.torn(c[2], c[0])) continue;
+    const bool torn = creases.torn(c[0], c[1]) || creases.torn(c[1], c[2]) || creases.torn(c[2], c[0]);
+    if (torn && seams == Seams::kParted) continue;
     const double area = area_of({places[c[0]], places[c[1]], places[c[2]]});
     if (!(area > 0)) continue;
-    areas_[t] = area;
     Eigen::Matrix2d from, to;
     from << places[c[1]] - places[c[0]], places[c[2]] - places[c[0]];
     to << targets[c[1]] - targets[c[0]], targets[c[2]] - targets[c[0]];
     const Eigen::Matrix2d inverse = from.inverse();
-    gradients_[t] = {Vec2(-inverse.row(0) - inverse.row(1)), inverse.row(0), inverse.row(1)};
+    const std::array<Vec2, 3> gradients = {Vec2(-inverse.row(0) - inverse.row(1)), inverse.row(0), inverse.row(1)};
     // The map is the gradient of a convex function; what is not is rounding.
     const Eigen::Matrix2d map = to * inverse;
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> stretch((map + map.transpose()) / 2);
     // Light for curves would be the shortest way for all that is missing around it.
-    steered_[t] = judged_at(aims[c[0]]) && judged_at(aims[c[1]]) && judged_at(aims[c[2]]);
+    const bool judged = judged_at(aims[c[0]]) && judged_at(aims[c[1]]) && judged_at(aims[c[2]]);
     Eigen::Matrix2d softness = kStiff * Eigen::Matrix2d::Identity();
-    if (steered_[t]) {
+    if (judged) {
       softness = stretch.eigenvectors() * stretch.eigenvalues().cwiseMax(kLeastStretch).cwiseInverse().asDiagonal() *
                  stretch.eigenvectors().transpose();
     }
@@ -128,11 +128,15 @@ PictureLoop::PictureLoop(const TargetLight& picture, int pixels, const std::vect
     for (int i = 0; i < 3; ++i) {
       for (int j = 0; j < 3; ++j) {
         if (c[i] < c[j]) continue;
-        const double value = gradients_[t][i].dot(softness * gradients_[t][j]);
+        const double value = gradients[i].dot(softness * gradients[j]);
         entries.emplace_back(c[i], c[j], value);
         if (i == j) diagonal += value / static_cast<double>(places.size());
       }
     }
+    if (torn) continue;
+    areas_[t] = area;
+    gradients_[t] = gradients;
+    steered_[t] = judged;
   }
   const auto count = static_cast<Eigen::Index>(places.size());
   for (Eigen::Index v = 0; v < count; ++v) entries.emplace_back(v, v, diagonal > 0 ? kHold * diagonal : 1.0);

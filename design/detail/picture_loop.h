@@ -12,6 +12,10 @@
 
 namespace lightmill::detail {
 
+/// What light that is asked for on one side of a crease does to the other: kJoined pulls it along, as hard as the triangles between
+/// them are stiff (little, as far as they stretch across the dark); kParted leaves it alone.
+enum class Seams { kJoined, kParted };
+
 /// Beams of triangles against a picture. Beside curves and points nothing is asked for: their light has no area. Triangles that
 /// aim there, and those that a crease crosses, are not steered.
 class PictureLoop {
@@ -19,7 +23,7 @@ class PictureLoop {
   /// `places`: where the vertices' light lands unbent; `targets`: where it shall go; `flux`: the light through each
   /// triangle, of all light.
   PictureLoop(const TargetLight& picture, int pixels, const std::vector<std::array<int, 3>>& triangles, std::vector<double> flux,
-              const std::vector<Vec2>& places, const std::vector<Vec2>& targets, const Creases& creases);
+              const std::vector<Vec2>& places, const std::vector<Vec2>& targets, const Creases& creases, Seams seams);
   ~PictureLoop();
   PictureLoop(const PictureLoop&) = delete;
   PictureLoop& operator=(const PictureLoop&) = delete;

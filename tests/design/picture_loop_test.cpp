@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 namespace lightmill::detail {
@@ -42,7 +43,7 @@ TEST(PictureLoop, MovesLightAsTheLinearisedMapDoes) {
   // From even to 1 + a cos(kx) light moves by -(a / k) sin(kx), x from the left border.
   constexpr double kAmplitude = 0.05;
   const Waves waves(kAmplitude);
-  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, Creases{});
+  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, Creases{}, Seams::kJoined);
   const auto errors = loop.errors(waves.places);
   EXPECT_NEAR(errors.sum, 2 / kPi * kAmplitude, 1e-3);
   const std::vector<Vec2> moves = loop.moves(errors, waves.places);
@@ -56,7 +57,7 @@ TEST(PictureLoop, MovesLightAsTheLinearisedMapDoes) {
 
 TEST(PictureLoop, ConvergesLikeNewton) {
   const Waves waves(0.3);
-  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, Creases{});
+  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, Creases{}, Seams::kJoined);
   std::vector<Vec2> landed = waves.places;
   std::vector<double> sums;
   for (int turn = 0; turn < 4; ++turn) {
@@ -69,11 +70,32 @@ TEST(PictureLoop, ConvergesLikeNewton) {
   EXPECT_LT(sums[3], 0.1 * sums[0]);
 }
 
+TEST(PictureLoop, JoinedSeamsOfASmoothMapAreNone) {
+  const Waves waves(0.05);
+  Creases creases;
+  for (int j = 0; j < 60; ++j) creases.shares[Creases::key(81 * j + 40, 81 * j + 41)] = 0.5;  // the middle column, torn
+  const auto moves_with = [&](const Creases& torn, Seams seams) {
+    const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, torn, seams);
+    return loop.moves(loop.errors(waves.places), waves.places);
+  };
+  const std::vector<Vec2> smooth = moves_with({}, Seams::kJoined);
+  const std::vector<Vec2> joined = moves_with(creases, Seams::kJoined);
+  const std::vector<Vec2> parted = moves_with(creases, Seams::kParted);
+  double largest = 0, of_joined = 0, of_parted = 0;
+  for (std::size_t v = 0; v < smooth.size(); ++v) {
+    largest = std::max(largest, smooth[v].norm());
+    of_joined = std::max(of_joined, (joined[v] - smooth[v]).norm());
+    of_parted = std::max(of_parted, (parted[v] - smooth[v]).norm());
+  }
+  EXPECT_LT(of_joined, 0.15 * largest);
+  EXPECT_GT(of_parted, 0.5 * largest);
+}
+
 TEST(PictureLoop, AsksForNothingBesideCurves) {
   Waves waves(0);
   // All that is wrong is beside a curve across the middle.
   waves.target.curves.push_back({{{-5, 1}, {5, 1}}, {0.02, 0.02}});
-  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, Creases{});
+  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, Creases{}, Seams::kJoined);
   const auto errors = loop.errors(waves.places);
   EXPECT_GT(errors.sum, 0.1);
   for (const double missing : errors.missing.values) EXPECT_LT(std::abs(missing), 1e-12);
@@ -95,7 +117,7 @@ TEST(PictureLoop, AsksNobodyToTakeBackWhatOthersSpill) {
     creases.shares.emplace(Creases::key(n - 1, n), 0.5);
     landed[v].x() = kWidth / 4;
   }
-  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, landed, creases);
+  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, landed, creases, Seams::kParted);
   const auto errors = loop.errors(landed);
   EXPECT_GT(errors.sum, 0.02);
   double sum = 0;
@@ -114,7 +136,7 @@ TEST(PictureLoop, LightForACurveStaysAndTheLightBesideItDoesNotSlideAlong) {
   constexpr double kAmplitude = 0.05;
   Waves waves(kAmplitude);
   waves.target.curves.push_back({{{-kWidth / 2, 1}, {kWidth / 2, 1}}, {1e-3, 1e-3}});
-  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, Creases{});
+  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, Creases{}, Seams::kJoined);
   const std::vector<Vec2> moves = loop.moves(loop.errors(waves.places), waves.places);
   const double typical = kAmplitude / (3 * kPi / kWidth);
   double farthest = 0;
@@ -140,7 +162,7 @@ TEST(PictureLoop, MovesNothingAcrossACrease) {
       if ((waves.places[a].x() < 0.1) != (waves.places[b].x() < 0.1)) creases.shares.emplace(Creases::key(a, b), 0.5);
     }
   }
-  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, creases);
+  const PictureLoop loop(waves.target, 40, waves.triangles, waves.flux, waves.places, waves.places, creases, Seams::kParted);
   const std::vector<Vec2> moves = loop.moves(loop.errors(waves.places), waves.places);
   // The crease is a border: light stays on its side, so that nothing moves beside it. (Without it: a / k = 0.2 mm.)
   for (std::size_t v = 0; v < moves.size(); ++v) {
