@@ -48,9 +48,8 @@ class BlockTransfer {
         result_.lines_sent = ++result_.lines_acknowledged;
         monitor_.report("sending", static_cast<double>(result_.lines_sent) / static_cast<double>(lines_.size()));
       }
-      send(std::string(1, detail::kEtx), "the program's end");
-      write(std::string(1, detail::kEot));
-      while (connection_.queued() > 0) connection_.wait(false, kPollInterval);
+      // The control closes the transfer itself.
+      send(std::string(1, detail::kEtx), "the program's end", detail::kEot);
       result_.streaming_seconds = std::chrono::duration<double>(now() - streaming).count();
       result_.message = std::to_string(result_.lines_acknowledged) + " lines are on the control's disk as " + name_;
     } catch (const Ended& ended) {
@@ -85,7 +84,7 @@ class BlockTransfer {
     result_.end = end;
     result_.message = message + account();
     try {
-      write(std::string(1, detail::kEot));  // ends the reading in
+      write(detail::fe_block(detail::kSoh, "STOPPED"));  // an error of the sender's: ends the reading in
     } catch (const IoError&) {
       // Then nobody is there.
     }
@@ -157,7 +156,7 @@ class BlockTransfer {
                   " does not ask for a program: start reading in (blockwise, FE) there, check baud rate and 7E1");
   }
 
-  void send(const std::string& block, const std::string& what) {
+  void send(const std::string& block, const std::string& what, char good = detail::kAck) {
     for (int repeats = 0;; ++repeats) {
       if (options_.on_traffic) options_.on_traffic("> " + what);
       write(block);
@@ -167,7 +166,7 @@ class BlockTransfer {
       if (connection_.queued() > 0) {
         throw Ended{StreamEnd::kLostAcknowledgement, "the control answered twice before " + what};
       }
-      if (answer->opener == detail::kAck) return;
+      if (answer->opener == good) return;
       if (answer->opener != detail::kNak) {
         throw Ended{StreamEnd::kControllerError, "the control broke off at " + what + ": " + name_of(*answer)};
       }

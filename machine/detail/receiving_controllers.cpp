@@ -83,7 +83,7 @@ class BlockwiseController final : public ReceivingController {
  private:
   static constexpr milliseconds kBlockTimeout{1000}, kAskAgain{3000};
   FeReader reader_;
-  bool asking_ = false, reading_ = false, whole_ = false;
+  bool asking_ = false, reading_ = false;
   ClockTime asked_{}, last_byte_{};
 
   void ask() {
@@ -103,12 +103,13 @@ class BlockwiseController final : public ReceivingController {
       return;
     }
     if (!reading_) return;
-    if (arrival.opener == kEot) {
+    if (arrival.opener == kSoh && arrival.sound) {
       reading_ = false;
-      if (!whole_) raise_alarm("the reading in was broken off");
+      raise_alarm("the reading in was broken off: " + arrival.text);
+      replies_ += kEot;
     } else if (arrival.opener == kEtx) {
-      whole_ = true;
-      replies_ += kAck;
+      reading_ = false;
+      replies_ += kEot;
     } else if (arrival.opener == kStx && arrival.sound) {
       store(arrival.text);
       replies_ += kAck;
@@ -124,6 +125,7 @@ class DripController final : public ReceivingController {
   explicit DripController(Mill& mill)
       : ReceivingController(mill),
         buffer_(mill.machine().receive_buffer_bytes),
+        heidenhain_(mill.machine().controller.starts_with("heidenhain")),
         stop_at_(mill.machine().receive_buffer_bytes * 3 / 4),
         start_at_(mill.machine().receive_buffer_bytes / 4) {}
 
@@ -133,8 +135,10 @@ class DripController final : public ReceivingController {
     for (const char byte : bytes) {
       ++received_bytes_;
       if (state_ == State::kEnded || alarm_) continue;
-      // Before the first mark there is only leader.
-      if (state_ == State::kLeader && byte != '%') continue;
+      // Before the first mark there is only leader. A Heidenhain text has none: it begins anywhere and ends with EOT.
+      if (state_ == State::kLeader && (heidenhain_ ? byte <= ' ' : byte != '%')) continue;
+      said_eot_ = said_eot_ || (heidenhain_ && byte == kEot);
+      if (said_eot_ || (heidenhain_ && byte == kEtx)) continue;
       if (state_ == State::kLeader) state_ = State::kReading;
       if (byte == '\0') {
         raise_alarm("parity");
@@ -174,6 +178,7 @@ class DripController final : public ReceivingController {
  private:
   enum class State { kLeader, kReading, kEnded };
   ReceiveBuffer buffer_;
+  bool heidenhain_, said_eot_ = false;
   int stop_at_, start_at_;
   State state_ = State::kLeader;
   bool holding_ = false;

@@ -107,6 +107,7 @@ TEST(BlockTransfer, EveryLineOnceAndInOrder) {
   EXPECT_EQ(traffic[0], "< <SOH>H1E");
   EXPECT_EQ(traffic[1], "> line 1");
   EXPECT_EQ(traffic[2], "< <ACK>");
+  EXPECT_EQ(traffic.back(), "< <EOT>") << "ETX is answered by the control's end of transmission";
 }
 
 // A block that arrives damaged is refused and sent again; the text on the disk is the program's, or the sender says no.
