@@ -34,15 +34,9 @@ class Runner {
         view_(machine, setup.workpiece_origin_mm, setup.errors),
         timer_(machine),
         on_motion_(on_motion),
-        stock_(setup.blank, options) {
-    at_[2] = machine.retract_z_mm;
-    const Vec3& zero = setup.workpiece_origin_mm;
-    reader_.offsets[static_cast<std::size_t>(setup.work_offset - 54)] = {zero.x(), zero.y(), zero.z(), 0, 0};
-    for (const Cutter& cutter : setup.cutters) {
-      reader_.tool_length_mm[cutter.number] = cutter.length_mm;
-      reader_.tool_diameter_mm[cutter.number] = cutter.diameter_mm;
-    }
-  }
+        stock_(setup.blank, options),
+        reader_(reader_setup(machine, setup)),
+        at_(reader_.start) {}
 
   /// False if the machine has stopped.
   bool run(const ProgramFile& program, const Monitor& monitor) {
@@ -230,6 +224,18 @@ class Runner {
 };
 
 }  // namespace
+
+ReaderSetup reader_setup(const MachineModel& machine, const OperatorSetup& setup) {
+  ReaderSetup reader;
+  reader.start[2] = machine.retract_z_mm;
+  const Vec3& zero = setup.workpiece_origin_mm;
+  reader.offsets[static_cast<std::size_t>(setup.work_offset - 54)] = {zero.x(), zero.y(), zero.z(), 0, 0};
+  for (const Cutter& cutter : setup.cutters) {
+    reader.tool_length_mm[cutter.number] = cutter.length_mm;
+    reader.tool_diameter_mm[cutter.number] = cutter.diameter_mm;
+  }
+  return reader;
+}
 
 ProgramRun run_programs(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup,
                         const std::vector<ProgramFile>& programs, const StockOptions& options, const Monitor& monitor,

@@ -25,8 +25,11 @@ struct ProgramRun {
   std::shared_ptr<const SolidStock> solid;  ///< null unless asked for
 };
 
-/// One after the other, each from where the last has left the machine. The tool table holds the magazine's true lengths
-/// and one work offset the workpiece's true place. Stops at the first thing the control does not understand or that
+/// What the operator has entered at such a control: the magazine's true lengths, the workpiece's true place in its work
+/// offset; the axes at the machine's top.
+ReaderSetup reader_setup(const MachineModel& machine, const OperatorSetup& setup);
+
+/// One after the other, each from where the last has left the machine. Stops at the first thing the control does not understand or that
 /// leaves the travels. Cutters cut when M3 has had `spindle_start_s` to reach its speed. `on_motion` hears every motion.
 ProgramRun run_programs(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup,
                         const std::vector<ProgramFile>& programs, const StockOptions& options = {},

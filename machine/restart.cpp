@@ -8,6 +8,7 @@
 
 #include "design/core/text.h"
 #include "machine/detail/interpreter.h"
+#include "machine/detail/restart_parts.h"
 #include "machine/detail/sent_text.h"
 #include "machine/kinematics.h"
 #include "machine/program_lines.h"
@@ -30,10 +31,8 @@ constexpr int kPreparedBlocks = 10;
 constexpr double kOnTheWay_mm = 0.02;
 /// Of the restart's numbers from the original's (mm, rad): seven decimals are written.
 constexpr double kSame = 1e-6;
-constexpr double kLimitSlack = 1e-3;
 constexpr int kDecimals = 7;
 constexpr std::size_t kLinesPerReport = 4096;
-constexpr double kBackOut_mm = 20;  // of the operator in a trial
 
 JointPosition to_position(const Joints& q) {
   return {q[0], q[1], q[2], q[3], q[4]};
@@ -62,6 +61,7 @@ class Replay {
   [[nodiscard]] const std::array<double, 3>& offset() const { return interpreter_.offset(modes().offset); }
   [[nodiscard]] ToolPose pose(const Joints& q) { return view_.cutter(to_position(q), modes().tool_length_mm); }
   WorkpieceView& view() { return view_; }
+  void stand_at(const JointPosition& j) { interpreter_.set_position({j.x_mm, j.y_mm, j.z_mm, j.outer_rad, j.inner_rad}); }
 
   void execute() {
     before_ = interpreter_.position();
@@ -124,15 +124,6 @@ std::optional<Joints> reported_joints(const MachineModel& machine, const StatusR
   q[3] = p[place(machine.outer.letter)] / kDegreesPerRad;
   q[4] = p[place(machine.inner.letter)] / kDegreesPerRad;
   return q;
-}
-
-/// Printable, without what ends a comment or acts at once on the wire.
-std::string plain(std::string_view text) {
-  std::string result(text);
-  for (char& c : result) {
-    if (c < ' ' || c >= 0x7F || std::string_view("()!?~%$;").find(c) != std::string_view::npos) c = '_';
-  }
-  return result;
 }
 
 }  // namespace
@@ -288,58 +279,39 @@ class RestartWriter {
   const RestartOptions& options_;
   Restart restart_;
   std::uint32_t letters_ = 0;  ///< of words that the program has used
+  JointPosition stopped_;      ///< where the restart backs out from
 
   /// The index of the line to go on with; 0: nothing was cut before.
   std::size_t good_place(std::size_t uncut) {
-    struct Candidate {
-      std::size_t index;
-      double way_mm;
-    };
-    std::deque<Candidate> candidates;
     Replay replay(machine_, setup_, program_);
-    double way_mm = 0;
-    bool cut = false;
-    std::size_t last_good = 0, spindle_off = 0;
+    std::vector<detail::LineFacts> facts(uncut + 1);
     // An arc's G2 or G3 cannot be set without moving, so the line must say it itself.
     const auto is_good = [&] {
       return replay.modes().motion <= 1 || replay.modes().motion == 80 || detail::words_of(replay.line().text).motion;
     };
     while (replay.next() < uncut) {
-      const std::size_t index = replay.next();
-      const bool good = is_good();
-      if (good) last_good = index;
+      detail::LineFacts& line = facts[replay.next()];
+      line.good = is_good();
       const GcodeModes before = replay.modes();
-      const double start_mm = way_mm;
       replay.execute();
       const GcodeModes& after = replay.modes();
-      if (after.spindle == 5 && before.spindle != 5) spindle_off = index;
-      bool plain_cut = after.offset == before.offset && after.tool_length_mm == before.tool_length_mm;
+      line.stops_spindle = after.spindle == 5 && before.spindle != 5;
+      line.plain = after.offset == before.offset && after.tool_length_mm == before.tool_length_mm;
       Joints from = replay.before();
       for (const GcodeStep& step : replay.steps()) {
-        plain_cut = plain_cut && step.kind == GcodeStep::kMove && !step.rapid;
+        line.plain = line.plain && step.kind == GcodeStep::kMove && !step.rapid;
         if (step.kind != GcodeStep::kMove) continue;
         if (!step.rapid) {
-          cut = true;
-          way_mm += (replay.pose(step.target).tip_mm - replay.pose(from).tip_mm).norm();
+          line.feeds = true;
+          line.cut_mm += (replay.pose(step.target).tip_mm - replay.pose(from).tip_mm).norm();
         }
         from = step.target;
       }
-      if (!plain_cut) {
-        candidates.clear();
-        continue;
-      }
-      if (good) candidates.push_back({index, start_mm});
-      while (candidates.size() > 1 && candidates[1].way_mm <= way_mm - options_.overlap_mm) candidates.pop_front();
     }
-    if (!cut) return 0;
-    // The feed in needs a turning spindle: on from where it was stopped.
-    if (replay.modes().spindle == 5 && replay.position()[2] < machine_.retract_z_mm) return spindle_off;
-    if (options_.overlap_mm <= 0 && is_good()) return uncut;
-    if (!candidates.empty()) {
-      restart_.overlap_mm = way_mm - candidates.front().way_mm;
-      return candidates.front().index;
-    }
-    return is_good() ? uncut : last_good;
+    facts.back().good = is_good();
+    restart_.overlap_mm = options_.overlap_mm;
+    return detail::restart_index(facts, replay.modes().spindle == 5 && replay.position()[2] < machine_.retract_z_mm,
+                                 restart_.overlap_mm);
   }
 
   void line(const std::string& words) {
@@ -374,10 +346,19 @@ class RestartWriter {
     restart_.stand_off = at.pose(above);
 
     if (at.lines().front().text == "%") line("%");
-    line("(RESTART of " + plain(options_.program_name) + " at its line " + std::to_string(restart_.first_line) + ")");
+    line("(RESTART of " + detail::plain_comment(options_.program_name) + " at its line " + std::to_string(restart_.first_line) + ")");
     line("(its lines before " + std::to_string(restart_.uncut_line) + " are cut, " + fixed(restart_.overlap_mm, 3) +
          " mm are gone over again)");
     line("G21 G90 G94 G17 G40 G49 G80 G" + std::to_string(modes.offset));
+    stopped_ = options_.stands.value_or(to_position(q));
+    const Vec3 out = detail::outwards(at.view(), stopped_);
+    restart_.backs_out_mm = detail::back_out_mm(machine_, out, stopped_.z_mm, options_.back_out_mm);
+    if (restart_.backs_out_mm > 0) {
+      const Vec3 way = restart_.backs_out_mm * out;
+      line("G91 G1 " + word('X', way.x()) + " " + word('Y', way.y()) + " " + word('Z', way.z()) + " " +
+           word('F', options_.entry_feed_mm_per_s * 60));
+      line("G90");
+    }
     const std::string top = "G53 G0 " + word('Z', machine_.retract_z_mm);
     line(top);
     if (modes.tool > 0) {
@@ -416,25 +397,8 @@ class RestartWriter {
 
   /// Along the tool's axis out of the box around blank and clamps, but never above the machine's top.
   [[nodiscard]] Joints stand_off(Replay& at, const Joints& q) const {
-    Vec3 low(-setup_.blank.size_mm.x() / 2, -setup_.blank.size_mm.y() / 2, 0);
-    Vec3 high(setup_.blank.size_mm.x() / 2, setup_.blank.size_mm.y() / 2, setup_.blank.height_mm);
-    for (const KeepOut& box : setup_.blank.keep_outs) {
-      low = low.cwiseMin(box.min_mm);
-      high = high.cwiseMax(box.max_mm);
-    }
-    double margin = options_.clearance_mm;
-    for (const Cutter& cutter : setup_.cutters) {
-      if (cutter.number == at.modes().tool) margin += cutter.radius_mm();
-    }
-    low.array() -= margin;
-    high.array() += margin;
     const ToolPose pose = at.pose(q);
-    double way = std::numeric_limits<double>::infinity();
-    for (int i = 0; i < 3; ++i) {
-      if (std::abs(pose.axis[i]) < 1e-9) continue;
-      way = std::min(way, ((pose.axis[i] > 0 ? high : low)[i] - pose.tip_mm[i]) / pose.axis[i]);
-    }
-    way = std::max(way, 0.0);
+    const double way = detail::way_out_mm(setup_, pose, at.modes().tool, options_.clearance_mm);
     const auto at_way = [&](double mm) {
       const JointPosition j = at.view().joints(pose.tip_mm + mm * pose.axis, q[3], q[4], at.modes().tool_length_mm);
       return Joints{j.x_mm, j.y_mm, j.z_mm, q[3], q[4]};
@@ -453,10 +417,11 @@ class RestartWriter {
   /// The restart as the control will hear it, beside the original from there on.
   void check(Replay& original) const {
     Replay heard(machine_, setup_, restart_.text);
+    if (restart_.backs_out_mm > 0) heard.stand_at(stopped_);
     while (static_cast<long>(heard.next()) < restart_.entry_lines) {
       heard.execute();
       for (const GcodeStep& step : heard.steps()) {
-        if (step.kind == GcodeStep::kMove) within_limits(step.target, heard.lines()[heard.next() - 1].text);
+        if (step.kind == GcodeStep::kMove) detail::within_travels(machine_, step.target, heard.lines()[heard.next() - 1].text);
       }
     }
     same(heard.position(), original.position(), restart_.first_line);
@@ -497,40 +462,22 @@ class RestartWriter {
       }
     }
   }
-
-  void within_limits(const Joints& q, std::string_view text) const {
-    const auto check = [&](char letter, double value, double least, double most) {
-      if (value >= least - kLimitSlack && value <= most + kLimitSlack) return;
-      throw InputError("the way to the restart place would pass the limit of " + std::string(1, letter) + " in '" +
-                       std::string(text) + "'; restart at another line (--from)");
-    };
-    check('X', q[0], machine_.x.min_mm, machine_.x.max_mm);
-    check('Y', q[1], machine_.y.min_mm, machine_.y.max_mm);
-    check('Z', q[2], machine_.z.min_mm, machine_.z.max_mm);
-    if (!machine_.has_rotary()) return;
-    check(machine_.outer.letter, q[3], machine_.outer.min_rad, machine_.outer.max_rad);
-    check(machine_.inner.letter, q[4], machine_.inner.min_rad, machine_.inner.max_rad);
-  }
 };
 
 }  // namespace
 
 Restart write_restart(const MachineModel& machine, const OperatorSetup& setup, std::string_view program, long line,
                       const RestartOptions& options) {
-  if (machine.controller != "grblhal") {
-    throw InputError(
-        "a restart is written for grblHAL only, which is fed line by line; a " + machine.controller +
-        " control has the file: retract, set tool and spindle, and use its own block search (run from line) to line " +
-        std::to_string(line));
-  }
   if (!(options.overlap_mm >= 0 && options.clearance_mm > 0 && options.entry_feed_mm_per_s > 0)) {
     throw InputError("a restart needs an overlap of at least 0 mm and a clearance and an entry feed above 0");
   }
+  if (options.dialect != "grblhal") return detail::write_file_restart(machine, setup, program, line, options);
   return RestartWriter(machine, setup, program, options).write(line);
 }
 
 std::vector<PathPiece> path_near(const MachineModel& machine, const OperatorSetup& setup, std::string_view program,
-                                 const Vec3& place, double radius_mm) {
+                                 const Vec3& place, double radius_mm, const std::string& dialect) {
+  if (dialect != "grblhal") return detail::file_path_near(machine, setup, program, place, radius_mm, dialect);
   std::vector<PathPiece> pieces;
   Replay replay(machine, setup, program);
   while (replay.next() < replay.lines().size()) {
@@ -538,12 +485,11 @@ std::vector<PathPiece> path_near(const MachineModel& machine, const OperatorSetu
     replay.execute();
     for (const GcodeStep& step : replay.steps()) {
       if (step.kind != GcodeStep::kMove) continue;
-      const Vec3 a = replay.pose(from).tip_mm, b = replay.pose(step.target).tip_mm;
+      detail::add_piece_near(place, radius_mm,
+                             {replay.lines()[replay.next() - 1].number, replay.pose(from).tip_mm,
+                              replay.pose(step.target).tip_mm, step.rapid},
+                             pieces);
       from = step.target;
-      const double square = (b - a).squaredNorm();
-      const double t = square > 0 ? std::clamp((place - a).dot(b - a) / square, 0.0, 1.0) : 0;
-      if ((a + t * (b - a) - place).norm() > radius_mm) continue;
-      pieces.push_back({replay.lines()[replay.next() - 1].number, a, b, step.rapid});
     }
   }
   return pieces;
@@ -551,15 +497,10 @@ std::vector<PathPiece> path_near(const MachineModel& machine, const OperatorSetu
 
 namespace {
 
-/// What the operator does first: out of the cut along the tool's axis, then up.
-std::string back_out(const MachineModel& machine, const OperatorSetup& setup, const SimulationResult& stopped) {
-  const auto tool = std::find_if(setup.cutters.begin(), setup.cutters.end(),
-                                 [&](const Cutter& cutter) { return cutter.number == stopped.tool; });
-  const double length_mm = tool == setup.cutters.end() ? 0 : tool->length_mm;
+/// What the operator does first, unless the restart does: out of the cut along the tool's axis, then up.
+std::string back_out(const MachineModel& machine, const OperatorSetup& setup, const JointPosition& stopped) {
   WorkpieceView view(machine, setup.workpiece_origin_mm);
-  const ToolPose pose = view.cutter(stopped.joints, length_mm);
-  const JointPosition out =
-      view.joints(pose.tip_mm + kBackOut_mm * pose.axis, stopped.joints.outer_rad, stopped.joints.inner_rad, length_mm);
+  const JointPosition out = detail::backed_out(view, stopped, detail::kBackOut_mm);
   const std::string top = "G53 G0 Z" + compact(machine.retract_z_mm, kDecimals) + "\n";
   if (out.z_mm >= machine.retract_z_mm) return top;
   return "G53 G0 X" + compact(out.x_mm, kDecimals) + " Y" + compact(out.y_mm, kDecimals) + " Z" +
@@ -570,7 +511,10 @@ std::string back_out(const MachineModel& machine, const OperatorSetup& setup, co
 
 RestartTrial try_restart(const MachineModel& machine, const OperatorSetup& setup, const StockOptions& stock,
                          const std::vector<std::string>& done, std::string_view program, const Restart& restart,
-                         const Monitor& monitor) {
+                         const std::string& dialect, const Monitor& monitor) {
+  if (dialect != "grblhal") {
+    return detail::try_file_restart(machine, setup, stock, done, program, restart, dialect, monitor);
+  }
   constexpr const char* kName = "restart";
   SimulationOptions options;
   options.stock = stock;
@@ -595,7 +539,7 @@ RestartTrial try_restart(const MachineModel& machine, const OperatorSetup& setup
   mill(program, restart.uncut_line);
   simulated.receive("\x18");
   simulated.begin_program("");
-  mill("$X\n" + back_out(machine, setup, simulated.result()), kAll);
+  mill("$X\n" + (restart.backs_out_mm > 0 ? "" : back_out(machine, setup, simulated.result().joints)), kAll);
   const double seconds_before = simulated.result().machine_seconds;
   simulated.begin_program(kName);
   mill(restart.text, kAll);

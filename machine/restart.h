@@ -36,6 +36,11 @@ struct RestartOptions {
   double clearance_mm = 5;         ///< from the blank and its clamps to where the feed in begins
   double entry_feed_mm_per_s = 5;  ///< along the tool's axis, down to the restart place
   std::string program_name;        ///< for the text's first comment
+  std::string dialect = "grblhal";  ///< of the program
+  /// On a tilting head the text begins with so much backing out along the tool's axis, from where it stopped; the way up
+  /// would cut. 0: the operator does that.
+  double back_out_mm = 20;
+  std::optional<JointPosition> stands;  ///< where it stopped, as reported; else as at the restart place
 };
 
 /// A program that does the rest of another one.
@@ -51,15 +56,17 @@ struct Restart {
   double tool_length_mm = 0;
   double rpm = 0;
   double dwell_s = 0;
+  double backs_out_mm = 0;  ///< of its own accord, before anything else
 };
 
 /// The text that mills everything from `line` on: it goes back by the overlap, but not over a rapid, a tool change or
-/// anything else that is no plain cut; takes the modal state there from the interpreter; then safe modes, the machine's
-/// top, tool and length, spindle and dwell, coolant, the rotary axes, X and Y above the place, down the tool's axis in
-/// a rapid to the clearance and at the low feed to the place, the modes, and the program's own lines. Before anything
-/// was cut it is the whole program. The text is read again before it is returned: no error, the modes and every end
-/// point of the original. Throws InputError for a dialect other than grblHAL (such controls search blocks themselves),
-/// a line that is not there, text that the control does not take, or an entry outside the travels.
+/// anything else that is no plain cut; takes the modal state there from the interpreter; then safe modes, tool-centre-point
+/// control off, the machine's top, tool and length, spindle and dwell, coolant, the rotary axes, X and Y above the place,
+/// tool-centre-point control on if the program had it, down the tool's axis in a rapid to the clearance and at the low feed
+/// to the place, the modes, and the program's own lines (renumbered where the control counts blocks). Before anything was
+/// cut it is the whole program. The text is read again before it is returned: no error, the modes and every end point of
+/// the original. Throws InputError for a line that is not there, text that the control does not take or that has loops,
+/// subprograms or inches as a file, or an entry outside the travels.
 Restart write_restart(const MachineModel& machine, const OperatorSetup& setup, std::string_view program, long line,
                       const RestartOptions& options = {});
 
@@ -72,7 +79,7 @@ struct PathPiece {
 
 /// The pieces of the program that come nearer than `radius_mm` to `place`, in order.
 std::vector<PathPiece> path_near(const MachineModel& machine, const OperatorSetup& setup, std::string_view program,
-                                 const Vec3& place, double radius_mm);
+                                 const Vec3& place, double radius_mm, const std::string& dialect = "grblhal");
 
 struct RestartTrial {
   std::vector<Fault> faults;  ///< of the restart only
@@ -81,9 +88,9 @@ struct RestartTrial {
 };
 
 /// Mills on the simulated machine the programs that are done, this one up to restart.uncut_line, resets the control,
-/// backs out along the tool's axis as the operator would, and mills the restart.
+/// backs out along the tool's axis as the operator would if the restart does not, and mills the restart.
 RestartTrial try_restart(const MachineModel& machine, const OperatorSetup& setup, const StockOptions& stock,
                          const std::vector<std::string>& done, std::string_view program, const Restart& restart,
-                         const Monitor& monitor = {});
+                         const std::string& dialect = "grblhal", const Monitor& monitor = {});
 
 }  // namespace lightmill

@@ -53,6 +53,26 @@ std::vector<Motion> motions(const Shop& shop, const std::string& text, Simulatio
   return all;
 }
 
+StockOptions coarse() {
+  StockOptions options;
+  options.pitch_mm = kCoarse_mm;
+  return options;
+}
+
+MachinedSurface milled(const Shop& shop, const std::string& text) {
+  SimulationOptions options;
+  options.stock = coarse();
+  SimulatedMachine machine(shop.machine, shop.setup, options);
+  for (const ProgramLine& line : program_lines(text)) {
+    machine.receive(std::string(line.text) + "\n");
+    machine.work(1);
+    machine.receive("~");
+  }
+  EXPECT_TRUE(machine.result().faults.empty());
+  return machine.machined();
+}
+
+// Lines that were cut, a reset, the restart: the surface is that of the undisturbed program.
 double apart(const JointPosition& a, const JointPosition& b) {
   return std::max({std::abs(a.x_mm - b.x_mm), std::abs(a.y_mm - b.y_mm), std::abs(a.z_mm - b.z_mm),
                    std::abs(a.outer_rad - b.outer_rad), std::abs(a.inner_rad - b.inner_rad)});
@@ -155,7 +175,24 @@ TEST(Restart, OnAMachineWhoseHeadTilts) {
   machine.max_spindle_rpm = 36000;
   const Written w = written(test::lead_rows(20 * test::kDeg, 2, 6), machine);
   const long last = program_lines(w.text).back().number;
-  for (long line = 1; line <= last; line += 17) expect_lawful(w, line);
+  RestartOptions from_the_top;
+  from_the_top.back_out_mm = 0;
+  for (long line = 1; line <= last; line += 17) expect_lawful(w, line, from_the_top);
+}
+
+// Its way up would cut: it backs out along the tool's axis first.
+TEST(Restart, OnATiltingHeadItBacksOutFirst) {
+  MachineModel machine =
+      read_machine(std::filesystem::path(LIGHTMILL_FIXTURES) / "machines/head_table_siemens840d.toml");
+  machine.max_spindle_rpm = 36000;
+  const Written w = written(test::lead_rows(20 * test::kDeg, 2, 6), machine);
+  const long line = program_lines(w.text)[program_lines(w.text).size() / 2].number;
+  const Restart restart = write_restart(w.shop.machine, w.shop.setup, w.text, line);
+  EXPECT_EQ(restart.backs_out_mm, 20);
+  EXPECT_NE(restart.text.find("G91 G1 X"), std::string::npos);
+  const RestartTrial trial = try_restart(w.shop.machine, w.shop.setup, coarse(), {}, w.text, restart);
+  EXPECT_TRUE(trial.faults.empty()) << trial.faults.front().message;
+  EXPECT_LT(worst_um(milled(w.shop, w.text), trial.surface), 0.05);
 }
 
 // Modes that our own post never mixes.
@@ -211,41 +248,11 @@ TEST(Restart, RefusesWhatItCannotDo) {
   } catch (const InputError& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr("Q7"));
   }
-  MachineModel fanuc = w.shop.machine;
-  fanuc.controller = "fanuc";
-  try {
-    write_restart(fanuc, w.shop.setup, w.text, 40);
-    ADD_FAILURE() << "no such dialect";
-  } catch (const InputError& error) {
-    EXPECT_THAT(error.what(), testing::HasSubstr("block search"));
-  }
   MachineModel low = w.shop.machine;
   low.x.max_mm = -100;
   EXPECT_THROW(write_restart(low, w.shop.setup, w.text, 40), InputError) << "outside the travels";
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
-
-StockOptions coarse() {
-  StockOptions options;
-  options.pitch_mm = kCoarse_mm;
-  return options;
-}
-
-MachinedSurface milled(const Shop& shop, const std::string& text) {
-  SimulationOptions options;
-  options.stock = coarse();
-  SimulatedMachine machine(shop.machine, shop.setup, options);
-  for (const ProgramLine& line : program_lines(text)) {
-    machine.receive(std::string(line.text) + "\n");
-    machine.work(1);
-    machine.receive("~");
-  }
-  EXPECT_TRUE(machine.result().faults.empty());
-  return machine.machined();
-}
-
-// Lines that were cut, a reset, the restart: the surface is that of the undisturbed program.
 TEST(Restart, LeavesNoMark) {
   for (const Written& w : {fixed_axis(), five_axis()}) {
     const MachinedSurface undisturbed = milled(w.shop, w.text);
