@@ -167,6 +167,7 @@ std::string stream_end_name(StreamEnd end) {
     case StreamEnd::kReset: return "controller reset";
     case StreamEnd::kHungUp: return "line hung up";
     case StreamEnd::kStopped: return "stopped by the user";
+    case StreamEnd::kAborted: return "given up by the user";
     case StreamEnd::kJournal: return "journal not written";
     case StreamEnd::kWrongPlace: return "wrong place";
   }

@@ -124,6 +124,7 @@ class DripFeed {
       sent_ += taken;
       queued_ += taken;
     }
+    if (options_.on_sent) options_.on_sent(lines_within(sent_));
     monitor_.report("feeding", static_cast<double>(sent_) / static_cast<double>(tape_.bytes.size()));
     monitor_.check();
     if (now() - progress_ < options_.stuck_after) return;

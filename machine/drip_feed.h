@@ -21,6 +21,7 @@ struct DripOptions {
   std::chrono::milliseconds stuck_after{60'000};
   std::size_t most_queued_bytes = 32;  ///< still goes out behind an XOFF that this sender obeys
   std::function<void(const std::string&)> on_traffic;
+  std::function<void(long lines)> on_sent;  ///< told how many lines the system has taken
   /// True: wait on; false, or nobody to ask: the feed ends.
   std::function<bool(const std::string& what)> on_operator;
 };

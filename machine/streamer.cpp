@@ -4,6 +4,7 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <optional>
 
 #include "design/core/text.h"
 #include "machine/detail/sent_text.h"
@@ -17,8 +18,9 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kStatusTimeout{1000};
 constexpr milliseconds kBannerTimeout{5000};
-constexpr milliseconds kPollInterval{20};
+constexpr milliseconds kPollInterval{5};  // a key waits no longer
 constexpr milliseconds kProgressInterval{100};
+constexpr milliseconds kBrakingTimeout{10'000};
 constexpr char kSoftReset = 0x18;
 
 std::string plural(long count, const std::string& noun) {
@@ -67,7 +69,7 @@ class Streamer {
       }
     } catch (const Ended& ended) {
       result_.end = ended.end;
-      hold_quietly();
+      if (ended.end != StreamEnd::kAborted) hold_quietly();
       result_.message = ended.message + "; " + account();
       result_.error_line = ended.error_line;
     } catch (const Stopped&) {
@@ -102,6 +104,7 @@ class Streamer {
   std::size_t next_ = 0;          ///< first line not sent
   long acknowledged_ = 0;         ///< lines before this one have their ok; [acknowledged_, next_) are under way
   int in_flight_ = 0;             ///< bytes of the lines under way
+  int last_acknowledged_bytes_ = 0;  ///< of the line that was acknowledged last
   std::size_t audited_ = 0;       ///< all acknowledgements up to here have been there at once
   std::size_t followed_ = 0;      ///< programmed_ has read the lines before this one
   detail::LineWords last_words_;  ///< of the line before next_
@@ -130,6 +133,7 @@ class Streamer {
   std::map<int, double> settings_;
   bool checking_ = false;
   bool held_by_operator_ = false;
+  std::optional<ClockTime> let_go_;  ///< when the operator has last ended a hold
   std::size_t let_through_ = 0;  ///< lines before this one have had their rest
   bool operator_line_ = false;  ///< the last line sent makes the controller wait for the operator
 
@@ -230,7 +234,8 @@ class Streamer {
         hold_quietly();
         throw Ended{StreamEnd::kLostAcknowledgement, "the controller sent one acknowledgement too many"};
       } else {
-        in_flight_ -= static_cast<int>(lines_[static_cast<std::size_t>(acknowledged_)].text.size()) + 1;
+        last_acknowledged_bytes_ = static_cast<int>(lines_[static_cast<std::size_t>(acknowledged_)].text.size()) + 1;
+        in_flight_ -= last_acknowledged_bytes_;
         ++acknowledged_;
         if (options_.journal != nullptr) options_.journal->acknowledged(acknowledged_);
         last_reply_ = now();
@@ -239,12 +244,14 @@ class Streamer {
       StatusReport report;
       if (parse_status(line, report)) {
         if (report.work_offset.empty()) report.work_offset = status_.work_offset;
+        if (report.overrides.empty()) report.overrides = status_.overrides;
         status_ = report;
         ++status_count_;
         reported_ = now();
         if (!greeting_) {
           look_at_buffer();
           look_at_planner();
+          tell_status();
         }
         if (options_.journal != nullptr && !greeting_) options_.journal->reported(line);
       } else {
@@ -318,6 +325,20 @@ class Streamer {
       if (!words.axes || words.other_command) return;
     }
     if (result_.starved_reports++ == 0) result_.first_starved_line = number(static_cast<std::size_t>(acknowledged_));
+  }
+
+  void tell_status() const {
+    if (!options_.on_status) return;
+    StreamStatus status;
+    status.lines_total = result_.lines_total;
+    status.lines_acknowledged = acknowledged_;
+    status.lines_executed = executed_;
+    status.line = executed_ > 0 ? number(static_cast<std::size_t>(executed_ - 1)) : 0;
+    status.under_way_bytes = in_flight_;
+    status.receive_buffer_bytes = result_.receive_buffer_bytes;
+    status.starved_reports = result_.starved_reports;
+    status.report = status_;
+    options_.on_status(status);
   }
 
   /// [OPT:VNML+,100,1024,6,0] or [OPT:V,15,128]: options, planner blocks, receive buffer.
@@ -472,7 +493,9 @@ class Streamer {
       result_.message = "in check mode, nothing has moved: " + result_.message;
     }
     executed_ = 0;
-    if (result_.end == StreamEnd::kHungUp || result_.end == StreamEnd::kReset) return;
+    for (const StreamEnd left : {StreamEnd::kHungUp, StreamEnd::kReset, StreamEnd::kAborted}) {
+      if (result_.end == left) return;
+    }
     unsent_.clear();
     greeting_ = true;
     banner_ = false;
@@ -490,13 +513,14 @@ class Streamer {
     while (next_ < lines_.size()) {
       const ProgramLine& line = lines_[next_];
       const int size = static_cast<int>(line.text.size()) + 1;
-      if (in_flight_ + size > result_.receive_buffer_bytes - 1) return;
+      // The line acknowledged last is taken to be in the buffer still, so that an ok which comes twice does not overflow it.
+      if (!all_acknowledged() && in_flight_ + last_acknowledged_bytes_ + size > result_.receive_buffer_bytes - 1) return;
       if (rests_before_next()) return;
       const detail::LineWords words = detail::words_of(line.text);
       if (!all_acknowledged()) {
         // The count of acknowledgements is checked now and then, and around lines that ask for the operator. Two lines
         // that would read as one if the line feed between them got lost are never under way together.
-        if (operator_line_ || words.tool_change || words.pause) return;
+        if (options_.one_at_a_time || operator_line_ || words.tool_change || words.pause) return;
         if (static_cast<long>(next_ - audited_) >= options_.audit_every_lines) return;
         if (detail::may_merge(last_words_, words)) return;
       } else {
@@ -546,10 +570,38 @@ class Streamer {
   void send_commands() {
     if (!options_.commands) return;
     for (const char byte : options_.commands()) {
+      if (byte == kSoftReset) abort_program();
       if (byte == '!') held_by_operator_ = true;
-      if (byte == '~') held_by_operator_ = false;
+      if (byte == '~') {
+        held_by_operator_ = false;
+        let_go_ = now();
+      }
       send_real_time(byte);
     }
+  }
+
+  /// A stop under control, and the reset only when the machine stands: so it keeps its place.
+  [[noreturn]] void abort_program() {
+    unsent_.clear();
+    send_real_time('!');
+    const ClockTime end = now() + kBrakingTimeout;
+    const auto stands = [&] {
+      if (status_.state == "Hold" || status_.state == "Door") return status_.substate <= 0;
+      return status_.state == "Idle" || status_.state == "Check" || status_.state == "Tool";
+    };
+    do {
+      if (now() > end || !ask_status()) {
+        throw Ended{StreamEnd::kStopped, "given up by the operator; the machine was told to hold and does not say that it stands"};
+      }
+      listen(kPollInterval);
+    } while (!stands());
+    greeting_ = true;  // what comes now is no reply to a line
+    banner_ = false;
+    send_real_time(kSoftReset);
+    wait_for_banner();
+    drain();
+    throw Ended{StreamEnd::kAborted, std::string("given up by the operator; the machine has stopped under control and was reset") +
+                                         (locked_ ? ", and says that it has lost its place: home it" : ", its place is kept")};
   }
 
   void progress(bool force = false) {
@@ -687,6 +739,8 @@ class Streamer {
   /// Somebody at the machine may have held it, or opened its door.
   void serve_held_machine() {
     if (!options_.on_operator || held_by_operator_) return;
+    // A report may have left before the operator's ~ arrived.
+    if (let_go_ && now() - *let_go_ < options_.reply_timeout) return;
     const std::string what = "the machine waits (" + status_.state + ") although the program did not ask for it";
     if (!options_.on_operator(what)) throw Ended{StreamEnd::kStopped, what + " and the operator does not go on"};
     send_real_time('~');
@@ -754,6 +808,9 @@ bool parse_status(std::string_view line, StatusReport& report) {
   const std::string_view state = line.substr(0, line.find('|'));
   read.state = state.substr(0, state.find(':'));
   if (read.state.empty()) return false;
+  if (read.state.size() < state.size()) {
+    std::from_chars(state.data() + read.state.size() + 1, state.data() + state.size(), read.substate);
+  }
   std::string_view rest = line.substr(state.size());
   while (!rest.empty()) {
     rest.remove_prefix(1);
@@ -765,6 +822,11 @@ bool parse_status(std::string_view line, StatusReport& report) {
     std::vector<double> numbers;
     if (key == "MPos" && !read_numbers(value, read.machine_position)) return false;
     if (key == "WCO" && !read_numbers(value, read.work_offset)) return false;
+    if (key == "Ov" && !read_numbers(value, read.overrides)) return false;
+    if (key == "FS" || key == "F") {
+      if (!read_numbers(value, numbers)) return false;
+      read.feed_mm_per_min = numbers[0];
+    }
     if (key == "Bf") {
       if (!read_numbers(value, numbers) || numbers.size() != 2) return false;
       read.free_blocks = static_cast<int>(numbers[0]);

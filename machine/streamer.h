@@ -23,6 +23,31 @@ enum class Greeting {
   kNone,   ///< the controller is known to be ready; keep its modal state
 };
 
+/// A controller's status report, e.g. "<Hold:0|MPos:0.000,0.000,0.000,0.000,0.000,0.000|Bf:100,1023|FS:1000,36000>".
+struct StatusReport {
+  std::string state;                     ///< without the part behind a colon ("Hold")
+  int substate = -1;                     ///< behind it; Hold:0 has come to rest, Hold:1 is braking
+  std::vector<double> machine_position;  ///< mm and degrees, as printed; empty: not reported
+  std::vector<double> work_offset;       ///< WCO, only in some reports
+  int free_blocks = -1, free_bytes = -1;
+  double feed_mm_per_min = -1;           ///< as it moves now
+  std::vector<double> overrides;         ///< feed, rapid, spindle in percent, only in some reports
+};
+
+/// False if `line` is no status report.
+bool parse_status(std::string_view line, StatusReport& report);
+
+/// How far a stream is when a status report has come.
+struct StreamStatus {
+  long lines_total = 0, lines_acknowledged = 0;
+  long lines_executed = 0;      ///< surely
+  long line = 0;                ///< of the text: the one that is surely executed last; 0: none
+  int under_way_bytes = 0;      ///< sent and not acknowledged
+  int receive_buffer_bytes = 0;
+  long starved_reports = 0;
+  StatusReport report;          ///< work offset and overrides are the last ones reported
+};
+
 struct StreamOptions {
   int receive_buffer_bytes = 0;  ///< 0: ask the controller ($I)
   std::chrono::milliseconds reply_timeout{
@@ -34,6 +59,8 @@ struct StreamOptions {
   int longest_line = 256;  ///< characters the controller takes
   /// Status reports are asked for so often while streaming: position, planner, starvation. 0: only when in doubt.
   std::chrono::milliseconds status_interval{250};
+  /// Wait for each line's acknowledgement before the next one is sent: slower, for a line or controller that loses bytes.
+  bool one_at_a_time = false;
   /// Bytes handed to the system and not on the wire yet: a feed hold waits behind them (128: 11 ms at 115200 baud).
   std::size_t most_queued_bytes = 128;
   /// After so many lines the stream waits until every acknowledgement is there, so that a lost one is noticed near its
@@ -43,8 +70,11 @@ struct StreamOptions {
   /// ends there. Also asked when the machine is held for longer than reply_timeout without the program's wish (false: the
   /// stream ends; without it: waits).
   std::function<bool(const std::string& what)> on_operator;
-  /// Real-time bytes that the operator wants sent now (! ~ overrides); asked all the time while streaming.
+  /// Real-time bytes that the operator wants sent now (! ~ overrides); asked all the time while streaming. A reset (0x18)
+  /// means: give up. The machine is held first and reset when it stands, so that it keeps its place.
   std::function<std::string()> commands;
+  /// Told at every status report while streaming.
+  std::function<void(const StreamStatus&)> on_status;
   /// True: before this line the machine comes to rest and the operator is asked (on_operator), as for a single block,
   /// a line to look at, an optional stop in the line `before` it.
   std::function<bool(const ProgramLine& line, std::string_view before)> pause_before;
@@ -63,6 +93,7 @@ enum class StreamEnd {
   kReset,
   kHungUp,
   kStopped,
+  kAborted,  ///< by the operator: the machine has stopped, was reset, and keeps its place
   kJournal,
   kWrongPlace,  ///< the machine has come to rest elsewhere than the program says: a line was garbled or lost
 };
@@ -100,17 +131,6 @@ StreamResult check_program(Connection& connection, std::string_view program, con
 /// Where settings ($n, as `$$` lists them) contradict the machine file, in words: units, laser mode, spindle, speeds,
 /// accelerations, travels. Settings that the controller does not list are not compared.
 std::vector<std::string> setting_differences(const std::map<int, double>& settings, const MachineModel& machine);
-
-/// A controller's status report, e.g. "<Idle|MPos:0.000,0.000,0.000,0.000,0.000,0.000|Bf:100,1023|FS:0,0>".
-struct StatusReport {
-  std::string state;                     ///< without the part behind a colon ("Hold")
-  std::vector<double> machine_position;  ///< mm and degrees, as printed; empty: not reported
-  std::vector<double> work_offset;       ///< WCO, only in some reports
-  int free_blocks = -1, free_bytes = -1;
-};
-
-/// False if `line` is no status report.
-bool parse_status(std::string_view line, StatusReport& report);
 
 /// Connects (greeting, drain, one empty line with exactly one ok), streams the program by character counting, waits
 /// until the machine is idle. Lines go as they stand, but without blanks around them and without blank lines. Never

@@ -1,19 +1,25 @@
 // Lines a second through pseudo-terminal, libserial, streamer and simulated machine: stream_bench [lines] [--stock]
+// How long a feed hold takes to the wire: stream_bench hold MOMENTS
 // Hours of streaming on the virtual clock, memory and starvation: stream_bench hours N
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <memory>
+#include <random>
+#include <vector>
 
 #include "design/core/text.h"
 #include "machine/connection.h"
 #include "machine/detail/interpreter.h"
+#include "machine/journal.h"
 #include "machine/lockstep.h"
 #include "machine/program_lines.h"
 #include "machine/pseudo_terminal.h"
@@ -46,6 +52,59 @@ double user_seconds() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return static_cast<double>(usage.ru_utime.tv_sec) + 1e-6 * static_cast<double>(usage.ru_utime.tv_usec);
+}
+
+/// User and system, of all threads.
+double process_seconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return user_seconds() + static_cast<double>(usage.ru_stime.tv_sec) + 1e-6 * static_cast<double>(usage.ru_stime.tv_usec);
+}
+
+struct Way {
+  const char* name;
+  bool one_at_a_time, journal;
+};
+
+/// From the press of the hold key to its byte on the wire, at random moments of a stream at 115,200 baud: the sender's
+/// loop, and the bytes that the system holds before it.
+int hold_latency(int count) {
+  constexpr double kByte_s = 10.0 / 115200;
+  std::string text = "G21 G90 G94\nS20000 M3\nG4 P1\nG0 Z50\nG0 X0 Y0\nG1 F3000\n";
+  for (long i = 1; i <= 1500; ++i) {
+    text += "X" + fixed(0.1 * static_cast<double>(i % 400), 4) + "Y" + fixed(1e-4 * static_cast<double>(i), 4) + "Z50\n";
+  }
+  text += "M5\nM2\n";
+  std::mt19937 random(3);
+  std::vector<double> latency_s;
+  for (int i = 0; i < count; ++i) {
+    VirtualClock clock;
+    SimulationOptions options;
+    options.remove_stock = false;
+    options.time_factor = 1;
+    options.clock = &clock;
+    SimulatedMachine machine(machine_model(), {}, options);
+    machine.start();
+    LockstepLink link(machine, clock, {.baud = 115200, .faults = {}});
+    const ClockTime press = std::chrono::microseconds(700'000 + static_cast<long>(random() % 2'000'000));
+    StreamOptions stream;
+    bool pressed = false;
+    stream.commands = [&]() -> std::string {
+      if (pressed || clock.now() < press) return "";
+      pressed = true;
+      latency_s.push_back(std::chrono::duration<double>(clock.now() - press).count() +
+                          static_cast<double>(link.queued() + 1) * kByte_s);
+      return "!";
+    };
+    Monitor monitor;
+    monitor.should_stop = [&] { return pressed; };
+    stream_program(link, text, stream, monitor);
+  }
+  std::sort(latency_s.begin(), latency_s.end());
+  const auto ms = [&](double share) { return 1000 * latency_s[static_cast<std::size_t>(share * static_cast<double>(latency_s.size() - 1))]; };
+  std::printf("feed hold, key to wire at 115,200 baud, %zu moments: median %.1f ms, 99 %% %.1f ms, longest %.1f ms\n",
+              latency_s.size(), ms(0.5), ms(0.99), ms(1));
+  return ms(0.99) < 20 ? 0 : 1;
 }
 
 /// Sender and machine in lockstep, 115,200 baud, finishing at 1200 mm/min in steps of 0.1 mm: 200 lines a second.
@@ -95,6 +154,7 @@ int hours(int count) {
 
 int main(int argc, char** argv) {
   if (argc > 2 && std::strcmp(argv[1], "hours") == 0) return hours(std::atoi(argv[2]));
+  if (argc > 2 && std::strcmp(argv[1], "hold") == 0) return hold_latency(std::atoi(argv[2]));
   const long lines = argc > 1 ? std::atol(argv[1]) : 300000;
   const bool with_stock = argc > 2 && std::strcmp(argv[2], "--stock") == 0;
   const MachineModel model = machine_model();
@@ -161,14 +221,25 @@ int main(int argc, char** argv) {
       _exit(0);
     }
     auto connection = open_serial(terminal.far_end(), 115200);
-    StreamOptions stream;
-    stream.most_queued_bytes = 1 << 16;
-    stream.on_operator = [](const std::string&) { return true; };
-    const double user = user_seconds();
-    const StreamResult result = stream_program(*connection, text, stream);
-    std::printf("  streamed              %9.0f lines/s, %.2f s wall, %.2f s CPU of the streamer; highest fill %d; %s\n",
-                static_cast<double>(result.lines_total) / result.seconds, result.seconds, user_seconds() - user,
-                result.highest_buffer_fill, result.message.c_str());
+    const std::filesystem::path folder = std::filesystem::temp_directory_path() / ("stream_bench_" + std::to_string(getpid()));
+    for (const Way& way : {Way{"streamed", false, false}, Way{"one line at a time", true, false}, Way{"with journal", false, true}}) {
+      StreamOptions stream;
+      stream.most_queued_bytes = 1 << 16;
+      stream.on_operator = [](const std::string&) { return true; };
+      stream.one_at_a_time = way.one_at_a_time;
+      std::unique_ptr<Journal> journal;
+      if (way.journal) {
+        journal = std::make_unique<Journal>(folder / (five_axes ? "five" : "three"), JournalHeader{});
+        stream.journal = journal.get();
+      }
+      const double user = process_seconds();
+      const StreamResult result = stream_program(*connection, text, stream);
+      const double cpu = process_seconds() - user;
+      std::printf("  %-20s %9.0f lines/s, %.2f s wall, %.2f s CPU of the sender (%.0f %%, %.1f us a line); highest fill %d; %s\n", way.name,
+                  static_cast<double>(result.lines_total) / result.seconds, result.seconds, cpu, 100 * cpu / result.seconds,
+                  1e6 * cpu / static_cast<double>(result.lines_total), result.highest_buffer_fill, result.message.c_str());
+    }
+    std::filesystem::remove_all(folder);
     kill(child, SIGKILL);
     waitpid(child, nullptr, 0);
     rusage usage{};

@@ -469,6 +469,53 @@ TEST(Streamer, TheOperatorsKeysActAtOnce) {
   EXPECT_NEAR(result.seconds, 3 + 60 + 47.5 / 2, 1);
 }
 
+// Held, at rest, reset: the controller does not raise its alarm for a position lost in motion.
+TEST(Streamer, GivingUpKeepsThePlace) {
+  SimulationOptions simulation = test::no_stock();
+  simulation.time_factor = 1;
+  test::Lockstep rig(simulation, {.baud = 115200, .faults = {}});
+  StreamOptions options = quick();
+  options.commands = [&]() -> std::string { return rig.clock.now() > std::chrono::seconds(3) ? "\x18" : ""; };
+  std::string program = "G21 G91\nG1 F60\n";
+  for (int i = 0; i < 100; ++i) program += "X0.1\n";
+  const StreamResult result = stream_program(rig.link, program + "M2\n", options);
+  EXPECT_EQ(result.end, StreamEnd::kAborted) << result.message;
+  EXPECT_THAT(result.message, AllOf(HasSubstr("its place is kept"), HasSubstr("acknowledged")));
+  EXPECT_FALSE(rig.machine.result().alarm);
+  const double x_mm = rig.machine.result().joints.x_mm;
+  EXPECT_NEAR(x_mm, 2.7, 0.5) << "1 mm/s from second 0.4 or so on";
+  rig.link.run_for(std::chrono::minutes(1));
+  EXPECT_EQ(rig.machine.result().joints.x_mm, x_mm) << "nothing of the buffer is left";
+  // The same controller takes the next program at once.
+  EXPECT_TRUE(stream_program(rig.link, "G21 G90\nG0 X1\nM2\n", quick()).done());
+}
+
+TEST(Streamer, ItsStatusTellsLinePlaceAndFill) {
+  SimulationOptions simulation = test::no_stock();
+  simulation.time_factor = 1;
+  test::Lockstep rig(simulation, {.baud = 115200, .faults = {}});
+  StreamOptions options = quick();
+  const std::string program = zigzag(2000);
+  std::vector<StreamStatus> seen;
+  options.on_status = [&](const StreamStatus& status) { seen.push_back(status); };
+  const StreamResult result = stream_program(rig.link, program, options);
+  ASSERT_TRUE(result.done()) << result.message;
+  ASSERT_GT(seen.size(), 20U);
+  bool moved = false, full = false;
+  for (std::size_t i = 1; i < seen.size(); ++i) {
+    EXPECT_GE(seen[i].lines_executed, seen[i - 1].lines_executed);
+    EXPECT_GE(seen[i].line, seen[i - 1].line);
+    EXPECT_LE(seen[i].lines_executed, seen[i].lines_acknowledged);
+    EXPECT_LT(seen[i].under_way_bytes, seen[i].receive_buffer_bytes);
+    EXPECT_EQ(seen[i].report.machine_position.size(), 6U);
+    moved = moved || seen[i].report.feed_mm_per_min == 3000;
+    full = full || seen[i].under_way_bytes > 900;
+  }
+  EXPECT_TRUE(moved);
+  EXPECT_TRUE(full);
+  EXPECT_EQ(seen.back().report.overrides, (std::vector<double>{100, 100, 100})) << "the last that came";
+}
+
 TEST(Streamer, JournalHasEveryLine) {
   std::vector<std::string> journal;
   StreamOptions options = quick();
