@@ -100,7 +100,7 @@ class SimulatedMachine {
   SimulatedMachine(const MachineModel& machine, const OperatorSetup& setup, const SimulationOptions& options);
   ~SimulatedMachine();
 
-  /// Power on: queues the welcome banner.
+  /// Power on, also after a planted loss of it: queues the welcome banner.
   void start();
   /// Bytes from the wire. Real-time bytes act at once; the rest enters the receive buffer, and what does not fit is
   /// lost.

@@ -104,8 +104,15 @@ class GrblController final : public Controller {
   }
 
   void power_on() override {
+    if (dead_) {
+      // It does not know where the axes stand until they are homed, or somebody vouches for them.
+      dead_ = false;
+      forget();
+      locked_ = true;
+    }
     say("");
     say(firmware_.banner);
+    if (locked_) say("[MSG:'$H'|'$X' to unlock]");
   }
 
   void receive(std::string_view bytes) override {
@@ -307,6 +314,16 @@ class GrblController final : public Controller {
   void reset() {
     mill_.advance();
     const bool moving = mill_.moving() && !mill_.held();
+    forget();
+    if (moving) {
+      locked_ = true;
+      say("ALARM:3");
+    }
+    power_on();
+  }
+
+  /// All but offsets and place.
+  void forget() {
     mill_.drop_motions();
     mill_.set_overrides({});
     buffer_.clear();
@@ -318,12 +335,6 @@ class GrblController final : public Controller {
     latched_error_ = 0;
     program_line_ = 0;
     reports_ = 0;
-    if (moving) {
-      locked_ = true;
-      say("ALARM:3");
-    }
-    power_on();
-    if (locked_) say("[MSG:'$H'|'$X' to unlock]");
   }
 
   [[nodiscard]] std::string axes_text(const Joints& q) const {

@@ -1,6 +1,7 @@
 // Every fault at many places of a stream, in lockstep: what the sender says, and whether it is true.
 #pragma once
 
+#include <limits>
 #include <random>
 #include <string>
 #include <vector>
@@ -37,6 +38,7 @@ struct MatrixFault {
   LineFault line;                                  ///< its `at` is the place
   long PlantedFaults::* planted = nullptr;         ///< or a fault of the control
   bool may_be_silent = false;                      ///< a garbled digit is a digit
+  enum { kNothing, kClockJumps, kDiskFull } sender = kNothing;  ///< or of the sender's computer
 };
 
 inline std::vector<MatrixFault> matrix_faults() {
@@ -59,6 +61,8 @@ inline std::vector<MatrixFault> matrix_faults() {
       {"door opened", {}, &PlantedFaults::door_at_line},
       {"controller restarts", {}, &PlantedFaults::reset_at_line},
       {"power loss of the controller", {}, &PlantedFaults::power_loss_at_line},
+      {.name = "sender's clock jumps by an hour, on or back", .line = {}, .sender = MatrixFault::kClockJumps},
+      {.name = "disk full for the journal", .line = {}, .sender = MatrixFault::kDiskFull},
   };
 }
 
@@ -75,7 +79,10 @@ inline MatrixRow matrix_row(const MatrixFault& fault, Personality personality, i
     simulation.time_factor = 1;
     LineOptions wire{.baud = 115200, .faults = {}};
     std::string at;
-    if (fault.planted != nullptr) {
+    const long byte = 12 + static_cast<long>(random() % (program.size() - 12));
+    if (fault.sender != MatrixFault::kNothing) {
+      at = "byte " + std::to_string(byte);
+    } else if (fault.planted != nullptr) {
       const long line = 1 + static_cast<long>(random() % lines.size());
       simulation.planted.*fault.planted = line;
       at = "line " + std::to_string(line);
@@ -85,7 +92,7 @@ inline MatrixRow matrix_row(const MatrixFault& fault, Personality personality, i
                           planted.kind == LineFault::Kind::kLateOk;
       // Behind the greeting: its own checks are strict.
       planted.at = of_oks              ? 3 + static_cast<long>(random() % (lines.size() - 1))
-                   : planted.to_machine ? 12 + static_cast<long>(random() % (program.size() - 12))
+                   : planted.to_machine ? byte
                                         : 700 + static_cast<long>(random() % (4 * lines.size()));
       planted.bit = static_cast<int>(random() % 8);
       at = "place " + std::to_string(planted.at) + " bit " + std::to_string(planted.bit);
@@ -100,10 +107,21 @@ inline MatrixRow matrix_row(const MatrixFault& fault, Personality personality, i
     StreamOptions options;
     int asked = 0;
     options.on_operator = [&](const std::string&) { return ++asked < 3; };
-    const StreamResult result = stream_program(rig.link, program, options);
+    JumpingLink jumping(rig.link, fault.sender == MatrixFault::kClockJumps ? byte : std::numeric_limits<long>::max(),
+                        std::chrono::hours(i % 2 == 0 ? 1 : -1));
+    Monitor monitor;
+    if (fault.sender == MatrixFault::kDiskFull) {
+      const double share = static_cast<double>(byte) / static_cast<double>(program.size());
+      monitor.on_progress = [share](std::string_view, double fraction) {
+        if (fraction >= share) throw JournalError("no space left on device");
+      };
+    }
+    const StreamResult result = stream_program(jumping, program, options, monitor);
     const auto broken = [&](const std::string& promise) {
       row.broken.push_back(fault.name + " at " + at + ": " + promise + " (" + result.message + ")");
     };
+    // The hold is behind the bytes that the system had.
+    if (result.end == StreamEnd::kJournal) rig.link.run_for(std::chrono::milliseconds(20));
     const SimulationResult then = rig.machine.result();
     const bool whole = then.received_digest == program_digest(program);
     if (result.done() && result.recovered_acknowledgements > 0) {
@@ -144,13 +162,21 @@ inline MatrixRow matrix_row(const MatrixFault& fault, Personality personality, i
   return row;
 }
 
-inline std::string markdown(const std::vector<MatrixRow>& rows) {
-  std::string text = "| fault | places | went on, whole | went on, doubt said | stopped, said so | silent |\n|---|---|---|---|---|---|\n";
-  for (const MatrixRow& row : rows) {
-    text += "| " + row.fault + " | " + std::to_string(row.places) + " | " + std::to_string(row.went_on) + " | " +
-            std::to_string(row.doubtful) + " | " + std::to_string(row.stopped) + " | " + std::to_string(row.silent) + " |\n";
+constexpr const char* kFaultTable = "<!-- fault matrix: written by tests/bench/fault_bench.cpp -->\n";
+constexpr const char* kFaultTableEnd = "<!-- end of fault matrix -->\n";
+
+/// grblHAL's figures and grbl's beside each other where they differ.
+inline std::string markdown(const std::vector<MatrixRow>& hal, const std::vector<MatrixRow>& grbl) {
+  std::string text = kFaultTable;
+  text += "| fault | random places, each control | went on, whole | went on, doubt said | stopped, said so | silent |\n|---|---|---|---|---|---|\n";
+  const auto both = [](int a, int b) { return std::to_string(a) + (a == b ? "" : " / " + std::to_string(b)) + " | "; };
+  for (std::size_t i = 0; i < hal.size(); ++i) {
+    const MatrixRow &a = hal[i], &b = grbl[i];
+    text += "| " + a.fault + " | " + both(a.places, b.places) + both(a.went_on, b.went_on) + both(a.doubtful, b.doubtful) +
+            both(a.stopped, b.stopped) + both(a.silent, b.silent);
+    text.back() = '\n';
   }
-  return text;
+  return text + kFaultTableEnd;
 }
 
 }  // namespace lightmill::test

@@ -69,6 +69,38 @@ inline SimulationOptions no_stock() {
   return options;
 }
 
+/// What SIGKILL is to a process.
+struct Killed {};
+
+/// The sender's clock jumps when so many bytes have been written: a computer that slept, or a clock that somebody set.
+class JumpingLink final : public Connection {
+ public:
+  JumpingLink(Connection& link, long at_byte, std::chrono::hours jump) : link_(link), clock_(link.clock()), at_byte_(at_byte), jump_(jump) {}
+  std::size_t write_some(std::span<const char> bytes, std::chrono::milliseconds deadline) override {
+    const std::size_t written = link_.write_some(bytes, deadline);
+    if ((bytes_ += static_cast<long>(written)) >= at_byte_) clock_.offset = SetClock::kStart + jump_;
+    return written;
+  }
+  std::size_t read_some(std::span<char> buffer, std::chrono::milliseconds deadline) override { return link_.read_some(buffer, deadline); }
+  bool wait(bool for_room, std::chrono::milliseconds deadline) override { return link_.wait(for_room, deadline); }
+  [[nodiscard]] std::size_t queued() const override { return link_.queued(); }
+  [[nodiscard]] std::string name() const override { return link_.name(); }
+  [[nodiscard]] const Clock& clock() const override { return clock_; }
+
+ private:
+  struct SetClock final : Clock {
+    explicit SetClock(const Clock& base) : true_clock(base) {}
+    [[nodiscard]] ClockTime now() const override { return true_clock.now() + offset; }
+    const Clock& true_clock;
+    static constexpr ClockTime kStart = std::chrono::hours(100);  // a jump back stays above 0
+    ClockTime offset = kStart;
+  };
+  Connection& link_;
+  SetClock clock_;
+  long at_byte_, bytes_ = 0;
+  ClockTime jump_;
+};
+
 /// A simulated machine and a line to it in lockstep on a virtual clock.
 struct Lockstep {
   explicit Lockstep(SimulationOptions options = no_stock(), const LineOptions& line = {},

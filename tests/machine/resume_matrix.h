@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <random>
 #include <string>
 #include <vector>
@@ -99,7 +100,7 @@ struct ResumeFault {
   std::string name;
   LineFault line = {};  ///< its `at` is the place
   long PlantedFaults::*planted = nullptr;
-  enum Sender { kLives, kKilled, kLosesPower, kDiskFull } sender = kLives;
+  enum Sender { kLives, kKilled, kLosesPower, kDiskFull, kClockJumps } sender = kLives;
   /// Lines behind a lost one were carried out from where it should not have been: the chord is part of the mark.
   double most_um = 0.05;
 };
@@ -118,9 +119,11 @@ inline std::vector<ResumeFault> resume_faults() {
       {.name = "limit switch", .planted = &PlantedFaults::alarm_at_line},
       {.name = "door opened", .planted = &PlantedFaults::door_at_line},
       {.name = "controller restarts", .planted = &PlantedFaults::reset_at_line},
+      {.name = "power loss of the controller, and back", .planted = &PlantedFaults::power_loss_at_line},
       {.name = "sender killed", .sender = ResumeFault::kKilled},
       {.name = "sender's power cut, journal torn", .sender = ResumeFault::kLosesPower},
       {.name = "disk full for the journal", .sender = ResumeFault::kDiskFull},
+      {.name = "sender's clock jumps by an hour, on or back", .sender = ResumeFault::kClockJumps},
   };
 }
 
@@ -133,9 +136,6 @@ struct ResumeRow {
   long most_repeated = 0;  ///< lines that were carried out and are milled again
   std::vector<std::string> broken;
 };
-
-/// What SIGKILL is to a process.
-struct Killed {};
 
 /// The operator holds the machine, resets the control and unlocks it.
 inline void unlock(LockstepLink& link) {
@@ -210,7 +210,9 @@ inline ResumeRow resume_row(const ResumeCase& program, const ResumeFault& fault,
         };
       }
       try {
-        const StreamResult result = stream_program(rig.link, text, options, monitor);
+        JumpingLink jumping(rig.link, fault.sender == ResumeFault::kClockJumps ? 40 * place : std::numeric_limits<long>::max(),
+                            std::chrono::hours(i % 2 == 0 ? 1 : -1));
+        const StreamResult result = stream_program(jumping, text, options, monitor);
         said = result.message;
         done = result.done();
         // Half of the senders say nothing more.
@@ -230,6 +232,10 @@ inline ResumeRow resume_row(const ResumeCase& program, const ResumeFault& fault,
     if (fault.sender == ResumeFault::kLosesPower) {
       const auto size = std::filesystem::file_size(path);
       std::filesystem::resize_file(path, size - static_cast<std::uintmax_t>(below(static_cast<long>(size / 2))));
+    }
+    if (rig.machine.dead()) {
+      rig.clock.advance_to(rig.clock.now() + std::chrono::seconds(10));
+      rig.machine.start();
     }
     LockstepLink again(rig.machine, rig.clock);
     unlock(again);
@@ -259,16 +265,20 @@ inline ResumeRow resume_row(const ResumeCase& program, const ResumeFault& fault,
   return row;
 }
 
+constexpr const char* kResumeTable = "<!-- resume matrix: written by tests/bench/fault_bench.cpp -->\n";
+constexpr const char* kResumeTableEnd = "<!-- end of resume matrix -->\n";
+
 inline std::string markdown(const std::vector<ResumeRow>& rows) {
-  std::string text =
-      "| what happened | places | went on | resumed | lines milled again, at most | mark, um "
+  std::string text = kResumeTable;
+  text +=
+      "| what happened | random places | went on | resumed | lines milled again, at most | mark, um "
       "|\n|---|---|---|---|---|---|\n";
   for (const ResumeRow& row : rows) {
     text += "| " + row.fault + " | " + std::to_string(row.places) + " | " + std::to_string(row.went_on) + " | " +
             std::to_string(row.resumed) + " | " + std::to_string(row.most_repeated) + " | " + fixed(row.worst_um, 3) +
             " |\n";
   }
-  return text;
+  return text + kResumeTableEnd;
 }
 
 }  // namespace lightmill::test

@@ -503,6 +503,10 @@ TEST(PlantedFaults, EachDoesWhatItSays) {
     Talk talk(options([](PlantedFaults& p) { p.power_loss_at_line = 2; }));
     EXPECT_EQ(talk.burst(lines), "ok\n");
     EXPECT_TRUE(talk.machine.dead());
+    talk.machine.start();
+    EXPECT_FALSE(talk.machine.dead());
+    EXPECT_THAT(talk.burst({"G0 X3"}), AllOf(HasSubstr("to unlock"), HasSubstr("error:9")));
+    EXPECT_THAT(talk.burst({"$X", "G0 X3"}), HasSubstr("ok\nok\n"));
   }
 }
 
