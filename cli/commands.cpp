@@ -11,6 +11,8 @@
 
 #include "cli/errors_file.h"
 #include "cli/job.h"
+#include "cli/mill_proof.h"
+#include "cli/operator_keys.h"
 #include "cli/pages.h"
 #include "cli/progress.h"
 #include "cli/run_folder.h"
@@ -169,13 +171,18 @@ int run_stages(const Common& common, const std::string& dir, const std::vector<S
 int dry_run_programs(const Common& common, const std::vector<std::string>& programs, SimulatedShop shop, const std::string& out) {
   Progress progress(common.style());
   const std::vector<fs::path> paths(programs.begin(), programs.end());
-  const SimulationOutcome outcome = simulate_programs(shop, paths, fs::absolute(out), progress.stage("dry-run"));
+  // grblHAL is fed over a wire; the other controls run files.
+  const std::string dialect = read_machine(shop.machine_file).controller;
+  const SimulationOutcome outcome = dialect == "grblhal"
+                                        ? simulate_programs(shop, paths, fs::absolute(out), progress.stage("dry-run"))
+                                        : run_program_files(shop, dialect, paths, fs::absolute(out), progress.stage("dry-run"));
   progress.done();
   json list = json::array();
   for (const Fault& fault : outcome.faults) {
     list.push_back({{"kind", fault.kind}, {"program", fault.program}, {"line", fault.line}, {"message", fault.message}});
   }
   write_whole(fs::path(out) / "faults.json", json({{"faults", list}}).dump(2) + "\n");
+  write_proof(out, shop, paths, outcome.faults.size());
   progress.say("lines: " + std::to_string(outcome.lines) + ", minutes: " + fixed(total_minutes(outcome.timing), 1) + ", removed: " +
                fixed(outcome.removed_mm3, 1) + " mm3, faults: " + std::to_string(outcome.faults.size()));
   if (outcome.faults.empty()) return kExitDone;
@@ -284,10 +291,13 @@ int run_command_line(int argc, char** argv) {
   on(sub, [&] { return make(common, job, out, until); });
 
   const auto add_streaming = [](CLI::App* to, StreamChoices& choices) {
+    to->footer(to->get_footer() + "\n\nKeys while a program streams to grblHAL or grbl (at a terminal):\n" + key_list());
     to->add_option("--port", choices.port, "serial port, or tcp://host:port of a network serial server (default: the job's)");
     to->add_option("--baud", choices.baud, "line speed (default: the job's, 115200)")->check(CLI::Range(300, 4000000));
-    to->add_option("--format", choices.format, "data bits, parity, stop bits: 8N1, 7E1... (default: the protocol's)");
+    to->add_option("--format", choices.format, "data bits, parity, stop bits: 8N1, 7E1... (default: the job's, or the protocol's)");
+    to->add_flag("--unproven", choices.unproven, "stream what no dry run has proven; the word is to be typed at the terminal");
     to->add_flag("--no-check", choices.no_check, "leave out the pass in the controller's check mode");
+    to->add_flag("--one-at-a-time", choices.one_at_a_time, "wait for each line's ok instead of keeping the buffer full (slower)");
     to->add_option("--pause-at", choices.pause_at, "stop before these lines of the text and ask");
     to->add_flag("--single-block", choices.single_block, "stop before every line and ask");
     to->add_flag("--optional-stops", choices.optional_stops, "stop behind M1 and ask");
@@ -299,15 +309,16 @@ int run_command_line(int argc, char** argv) {
   sub->add_option("folder", resumed.stream.what, "run folder")->required();
   sub->add_option("--from", resumed.from_line, "first line of the program that may not be cut (default: what the journal proves)")->check(CLI::PositiveNumber);
   sub->add_option("--overlap", resumed.overlap_mm, "way in mm that is gone over again before it")->check(CLI::Range(0.0, 1000.0));
+  sub->add_option("--program", resumed.program, "that broke off, e.g. 30_FINISH.H, on a control that runs files (with --from)");
   sub->add_flag("--yes", resumed.yes, "stream without a typed confirmation");
-  sub->add_option("--protocol", resumed.stream.protocol, "grblhal or grbl")->check(CLI::IsMember({"grblhal", "grbl"}));
+  sub->add_option("--protocol", resumed.stream.protocol, "grblhal, grbl, drip or fe (default: the job's)")->check(CLI::IsMember({"grblhal", "grbl", "drip", "fe"}));
   add_streaming(sub, resumed.stream);
   on(sub, [&] {
     const std::string& folder = resumed.stream.what;
     if (std::error_code error; !fs::exists(fs::path(folder) / "job.toml", error)) {
       throw InputError(folder + " is no run folder (it has no job.toml); make one with: lightmill make JOB -o " + folder);
     }
-    if (has_broken_stream(folder)) {
+    if (can_resume(resumed)) {
       Progress progress(common.style());
       return resume_stream(resumed, progress);
     }
@@ -347,10 +358,11 @@ int run_command_line(int argc, char** argv) {
     return run_stages(common, programs[0], {Stage::kDryRun}, overrides);
   });
 
-  sub = command("stream", "send programs to a controller over a serial port", "stream out --port /dev/ttyUSB0");
+  sub = command("stream", "send programs to a controller over a serial port", "stream out --port /dev/ttyUSB0\n         lightmill stream part.nc --proof check --port /dev/ttyUSB0");
   sub->add_option("what", streamed.what, "run folder or program file")->required();
-  sub->add_option("--protocol", streamed.protocol, "grblhal, grbl; drip: XON/XOFF to controls that mill what comes; fe: Heidenhain blockwise to the disk")
+  sub->add_option("--protocol", streamed.protocol, "grblhal, grbl; drip: XON/XOFF to controls that mill what comes; fe: Heidenhain blockwise to the disk (default: the job's, or by its dialect)")
       ->check(CLI::IsMember({"grblhal", "grbl", "drip", "fe"}));
+  sub->add_option("--proof", streamed.proof, "of a single program: the folder of its dry run (lightmill dry-run PROGRAM -o FOLDER)");
   add_streaming(sub, streamed);
   on(sub, [&] {
     Progress progress(common.style());

@@ -11,6 +11,7 @@
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/toml_table.h"
+#include "machine/connection.h"
 #include "postproc/program.h"
 
 namespace lightmill {
@@ -390,7 +391,19 @@ void read_dry_run(TomlTable table, Job& job) {
 void read_stream(TomlTable table, Job& job) {
   job.stream.port = table.text("port", job.stream.port);
   job.stream.baud = table.integer_in("baud", job.stream.baud, 300, 4'000'000);
-  only_choice(table, "protocol", {"grblhal"});
+  job.stream.protocol = table.choice("protocol", job.stream.protocol, {"auto", "grblhal", "grbl", "drip", "fe"});
+  job.stream.format = table.text("format", job.stream.format);
+  if (job.stream.format != "auto") {
+    try {
+      serial_format(job.stream.format);
+    } catch (const InputError&) {
+      throw InputError(table.complaint("format", "must be \"auto\", or data bits, parity and stop bits: \"8N1\", \"7E1\", \"7E2\""));
+    }
+  }
+  job.stream.rts_cts = table.boolean("rts_cts", job.stream.rts_cts);
+  job.stream.one_at_a_time = table.boolean("one_at_a_time", job.stream.one_at_a_time);
+  job.stream.leader_nulls = table.integer_in("leader_nulls", job.stream.leader_nulls, 0, 50);
+  job.stream.check_first = table.boolean("check_first", job.stream.check_first);
 }
 
 Job read_table(TomlTable root, const fs::path& folder, Job job) {
@@ -720,7 +733,15 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                             .put("cusp_limit_um", job.dry_run.cusp_limit_um)
                             .put("time_factor", job.dry_run.time_factor);
   sections["dry_run"] += machine_errors_text(job.dry_run.errors, "errors.");
-  sections["stream"] = Section().put("port", job.stream.port).put("baud", job.stream.baud).put("protocol", "grblhal");
+  sections["stream"] = Section()
+                           .put("port", job.stream.port)
+                           .put("baud", job.stream.baud)
+                           .put("protocol", job.stream.protocol)
+                           .put("format", job.stream.format)
+                           .put("rts_cts", job.stream.rts_cts)
+                           .put("one_at_a_time", job.stream.one_at_a_time)
+                           .put("leader_nulls", job.stream.leader_nulls)
+                           .put("check_first", job.stream.check_first);
   return sections;
 }
 

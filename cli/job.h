@@ -107,6 +107,12 @@ struct DryRunSpec {
 struct StreamSpec {
   std::string port;
   int baud = 115200;
+  std::string protocol = "auto";  ///< or grblhal, grbl, drip, fe; "auto": what the dialect's control speaks
+  std::string format = "auto";    ///< or 8N1, 7E1...
+  bool rts_cts = false;           ///< the line obeys RTS and CTS
+  bool one_at_a_time = false;     ///< grblHAL, grbl: wait for each line's ok
+  int leader_nulls = 0;           ///< drip: before the program
+  bool check_first = true;        ///< grblHAL, grbl: once in check mode before anything moves
 };
 
 struct Job {

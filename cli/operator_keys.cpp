@@ -10,9 +10,40 @@ namespace lightmill {
 
 namespace {
 
-constexpr char kFeedAsProgrammed = '\x90', kFeedUp = '\x91', kFeedDown = '\x92';
+struct Key {
+  char key;
+  const char* bytes;  ///< of a grbl controller that act at once
+  const char* what;
+};
+
+constexpr Key kKeys[] = {{'h', "!", "hold: the axes brake and stand, the spindle keeps turning"},
+                         {'!', "!", nullptr},
+                         {'r', "~", "resume after a hold"},
+                         {'~', "~", nullptr},
+                         {'+', "\x91", "feed 10 % up"},
+                         {'-', "\x92", "feed 10 % down"},
+                         {'0', "\x90", "feed as programmed"},
+                         {']', "\x9a", "spindle 10 % up"},
+                         {'[', "\x9b", "spindle 10 % down"},
+                         {'=', "\x99", "spindle as programmed"},
+                         {'1', "\x95", "rapids at full speed"},
+                         {'2', "\x96", "rapids at half speed"},
+                         {'4', "\x97", "rapids at a quarter"},
+                         {'q', "\x18", "give up: hold, wait until the axes stand, reset"}};
+constexpr char kPauseKey = 'p', kSingleBlockKey = 'b';
 
 }  // namespace
+
+std::string key_list() {
+  std::string text;
+  const auto add = [&](char key, const char* what) { text += std::string("  ") + key + "  " + what + "\n"; };
+  for (const Key& key : kKeys) {
+    if (key.what != nullptr) add(key.key, key.what);
+  }
+  add(kPauseKey, "pause: stop before the next line that is not sent yet, and ask");
+  add(kSingleBlockKey, "single block on and off: so before every line");
+  return text + "  Ctrl-C  stop: the machine is held and the stream ends\n";
+}
 
 OperatorKeys::OperatorKeys(int terminal)
     : terminal_(terminal), is_terminal_(::isatty(terminal) == 1 && ::tcgetattr(terminal, &before_) == 0) {
@@ -42,32 +73,18 @@ std::string OperatorKeys::pressed() {
   if (::poll(&waiting, 1, 0) <= 0) return bytes;
   const ssize_t count = ::read(terminal_, keys.data(), keys.size());
   for (ssize_t i = 0; i < count; ++i) {
-    switch (keys[static_cast<std::size_t>(i)]) {
-      case 'h':
-      case '!':
-        bytes += '!';
-        break;
-      case 'r':
-      case '~':
-        bytes += '~';
-        break;
-      case '+':
-        bytes += kFeedUp;
-        break;
-      case '-':
-        bytes += kFeedDown;
-        break;
-      case '0':
-        bytes += kFeedAsProgrammed;
-        break;
-      default:
-        break;
+    const char pressed = keys[static_cast<std::size_t>(i)];
+    if (pressed == kPauseKey) pause_ = true;
+    if (pressed == kSingleBlockKey) single_block_ = !single_block_;
+    for (const Key& key : kKeys) {
+      if (key.key == pressed) bytes += key.bytes;
     }
   }
   return bytes;
 }
 
 bool OperatorKeys::ask(const std::string& what) {
+  pause_ = false;
   if (!is_terminal_) return false;
   listen(false);
   std::fprintf(stderr, "\nThe machine waits: %s\nWhen it is done press Enter to go on, or type q and Enter to stop: ",

@@ -16,19 +16,25 @@ class OperatorKeys {
   OperatorKeys(const OperatorKeys&) = delete;
   OperatorKeys& operator=(const OperatorKeys&) = delete;
 
-  /// What the keys pressed since the last call ask of a grbl controller, as its real-time bytes: h or ! feed hold,
-  /// r or ~ resume, + and - the feed by 10 percent, 0 the feed as programmed. Other keys do nothing.
+  /// What the keys pressed since the last call ask of a grbl controller, as its real-time bytes (key_list()). Other keys
+  /// do nothing.
   std::string pressed();
+  /// Has a key asked for a stop before the next line? A single block stays on until its key is pressed again, a pause
+  /// ends with the next ask().
+  [[nodiscard]] bool wants_stop() const { return single_block_ || pause_; }
+  void set_single_block(bool on) { single_block_ = on; }
   /// Asks at the terminal; true: Enter alone.
   bool ask(const std::string& what);
-
-  static constexpr const char* kHelp = "keys: h hold, r resume, + - feed by 10 %, 0 feed as programmed, Ctrl-C stop";
 
  private:
   int terminal_;
   termios before_{};  ///< read while is_terminal_ is found out
   bool is_terminal_;
+  bool single_block_ = false, pause_ = false;
   void listen(bool to_keys) const;
 };
+
+/// All keys in words, a line each.
+std::string key_list();
 
 }  // namespace lightmill

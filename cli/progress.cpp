@@ -1,5 +1,6 @@
 #include "cli/progress.h"
 
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -22,14 +23,21 @@ void on_signal(int) { g_stop = 1; }
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
-std::string span(double seconds) {
+/// So much fits into a line that is drawn over.
+int line_width() {
+  constexpr int kUnknown = 110;
+  winsize size{};
+  return ::ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1 ? size.ws_col - 1 : kUnknown;
+}
+
+}  // namespace
+
+std::string span_of_time(double seconds) {
   const long s = std::lround(std::max(0.0, seconds));
   if (s < 90) return std::to_string(s) + " s";
   if (s < 5400) return std::to_string((s + 30) / 60) + " min";
   return fixed(static_cast<double>(s) / 3600, 1) + " h";
 }
-
-}  // namespace
 
 void catch_stop_signals() {
   struct sigaction action = {};
@@ -53,29 +61,30 @@ Monitor Progress::stage(std::string_view name) {
   if (style_ == Style::kAuto && !terminal_) std::fprintf(stderr, "%s ...\n", stage_.c_str());
   event({{"event", "stage"}, {"stage", stage_}, {"state", "started"}});
   Monitor monitor;
-  monitor.on_progress = [this](std::string_view what, double fraction) { show(what, fraction); };
+  monitor.on_progress = [this](std::string_view what, double fraction) { show(what, fraction, std::nullopt); };
   monitor.should_stop = stop_requested;
   return monitor;
 }
 
-void Progress::show(std::string_view what, double fraction) {
+void Progress::show(std::string_view what, double fraction, std::optional<double> seconds_left, const nlohmann::json* details) {
   // Often enough to be alive, seldom enough not to fill a log.
   const double every = style_ == Style::kJson ? 0.5 : terminal_ ? 0.1 : 5;
   if (style_ == Style::kQuiet || seconds_since(shown_) < every) return;
   shown_ = Clock::now();
   fraction = std::clamp(fraction, 0.0, 1.0);
   const double elapsed = seconds_since(started_);
-  const double left = fraction > 0.01 ? elapsed * (1 - fraction) / fraction : -1;
+  const double left = seconds_left ? *seconds_left : fraction > 0.01 ? elapsed * (1 - fraction) / fraction : -1;
   if (style_ == Style::kJson) {
     nlohmann::json e = {{"event", "progress"}, {"stage", stage_}, {"what", what}, {"fraction", fraction}, {"seconds", elapsed}};
     if (left >= 0) e["seconds_left"] = left;
+    if (details != nullptr) e.update(*details);
     event(e);
     return;
   }
-  const std::string line = stage_ + ": " + std::string(what) + "  " + fixed(100 * fraction, 0) + " %  " + span(elapsed) +
-                           (left >= 0 ? ", about " + span(left) + " left" : "");
+  const std::string line = stage_ + ": " + std::string(what) + "  " + fixed(100 * fraction, 0) + " %  " + span_of_time(elapsed) +
+                           (left >= 0 ? ", about " + span_of_time(left) + " left" : "");
   if (terminal_) {
-    std::fprintf(stderr, "\r\033[K%.110s", line.c_str());
+    std::fprintf(stderr, "\r\033[K%.*s", line_width(), line.c_str());
     std::fflush(stderr);
     drawn_ = true;
   } else {

@@ -108,7 +108,11 @@ TEST(BadInput, ACutterLongerThanTheReach) {
 TEST(BadInput, ASerialPortThatIsNotThere) {
   const ScratchFolder scratch;
   spill(scratch / "part.nc", "G21\nM30\n");
-  expect_one_line(lightmill_command({"stream", (scratch / "part.nc").string(), "--port", "/dev/ttyNotThere"}), 3, {"/dev/ttyNotThere"});
+  const std::string part = (scratch / "part.nc").string();
+  expect_one_line(lightmill_command({"stream", part, "--port", "/dev/ttyNotThere"}), 2, {"do not mill", "--proof", "--unproven"});
+  const CommandResult typed = test::typed_command({"stream", part, "--port", "/dev/ttyNotThere", "--unproven"}, "unproven\n");
+  EXPECT_EQ(typed.code, 3) << typed.out;
+  EXPECT_THAT(typed.out, HasSubstr("/dev/ttyNotThere"));
   expect_one_line(lightmill_command({"stream", (scratch / "part.nc").string()}), 2, {"--port"});
 }
 
@@ -121,8 +125,8 @@ TEST(BadInput, AProgramThatIsCutShortIsNotSent) {
   }
   for (const char* text : {"G21\nM30\n%\n", "G21\nN20 m02 ; end", "G21\nM5 M9 M30 (done)"}) {
     spill(scratch / "whole.nc", text);
-    expect_one_line(lightmill_command({"stream", (scratch / "whole.nc").string(), "--port", "/dev/ttyNotThere"}), 3,
-                    {"/dev/ttyNotThere"});
+    expect_one_line(lightmill_command({"stream", (scratch / "whole.nc").string(), "--port", "/dev/ttyNotThere"}), 2,
+                    {"no dry run of"});
   }
 }
 

@@ -1,6 +1,7 @@
 // Runs the real lightmill binary in a folder that goes away, and looks at files as an outsider would.
 #pragma once
 
+#include <pty.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -77,6 +78,30 @@ inline CommandResult lightmill_command(const std::vector<std::string>& arguments
   result.code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   result.out = slurp(scratch / "out");
   result.err = slurp(scratch / "err");
+  return result;
+}
+
+/// At a terminal of its own, where somebody types; `out` has all that is said there.
+inline CommandResult typed_command(const std::vector<std::string>& arguments, const std::string& typed) {
+  std::vector<std::string> all = {LIGHTMILL_BINARY};
+  all.insert(all.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (auto& argument : all) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  int terminal = -1;
+  const pid_t child = forkpty(&terminal, nullptr, nullptr, nullptr);
+  if (child == 0) {
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  CommandResult result;
+  if (write(terminal, typed.data(), typed.size()) != static_cast<ssize_t>(typed.size())) result.err = "nothing could be typed";
+  char buffer[4096];
+  for (ssize_t count = 0; (count = read(terminal, buffer, sizeof buffer)) > 0;) result.out.append(buffer, static_cast<std::size_t>(count));
+  close(terminal);
+  int status = 0;
+  waitpid(child, &status, 0);
+  result.code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   return result;
 }
 

@@ -24,12 +24,38 @@ TEST(OperatorKeys, AreRealTimeBytes) {
   {
     OperatorKeys keys(terminal.slave);
     EXPECT_EQ(keys.pressed(), "");
-    terminal.type("hr+-0xq\n");
-    EXPECT_EQ(keys.pressed(), "!~\x91\x92\x90") << "as they are pressed, without Enter; other keys do nothing";
+    terminal.type("hr+-0x][=124q\n");
+    EXPECT_EQ(keys.pressed(), "!~\x91\x92\x90\x9a\x9b\x99\x95\x96\x97\x18")
+        << "as they are pressed, without Enter; other keys do nothing";
     EXPECT_EQ(keys.pressed(), "");
   }
   ::tcgetattr(terminal.slave, &after);
   EXPECT_EQ(after.c_lflag, before.c_lflag);
+}
+
+TEST(OperatorKeys, StopBeforeALine) {
+  const Terminal terminal;
+  OperatorKeys keys(terminal.slave);
+  EXPECT_FALSE(keys.wants_stop());
+  terminal.type("p");
+  EXPECT_EQ(keys.pressed(), "");
+  EXPECT_TRUE(keys.wants_stop());
+  terminal.type("\n");
+  EXPECT_TRUE(keys.ask("before line 3"));
+  EXPECT_FALSE(keys.wants_stop()) << "a pause is asked about once";
+  terminal.type("b");
+  keys.pressed();
+  terminal.type("\n");
+  EXPECT_TRUE(keys.ask("before line 4"));
+  EXPECT_TRUE(keys.wants_stop()) << "a single block stays on";
+  terminal.type("b");
+  keys.pressed();
+  EXPECT_FALSE(keys.wants_stop());
+}
+
+TEST(OperatorKeys, AreListedInTheHelp) {
+  for (const char* key : {"h  hold", "r  resume", "+  feed", "]  spindle", "1  rapids", "q  give up", "p  pause", "b  single block"})
+    EXPECT_NE(key_list().find(key), std::string::npos) << key;
 }
 
 TEST(OperatorKeys, AskWantsEnterAlone) {

@@ -268,9 +268,16 @@ TEST(Chain, ADryRunIsNoEcho) {
   const auto stream_code = [&] { return lightmill_command({"stream", run, "--port", "/dev/ttyNotThere"}).code; };
   EXPECT_EQ(stream_code(), 5);
 
+  spill(scratch / "slower.toml", replaced(slurp(fixture("machines/hsm400u_grblhal.toml")), "max_rpm = 36000", "max_rpm = 36001"));
+
   // Nothing of that stays: the shop floor of the job is clean.
   EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
   EXPECT_EQ(stream_code(), 3);
+
+  // Another machine than the dry run's: a speed in its file.
+  EXPECT_EQ(lightmill_command({"dry-run", run, "--machine", (scratch / "slower.toml").string()}).code, 0);
+  EXPECT_EQ(stream_code(), 2) << "proven elsewhere";
+  EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
 
   // A block lost from the program.
   const std::string program = slurp(run + "/program/30_finish.nc");
@@ -360,9 +367,11 @@ TEST(Chain, TwoProcessesStreamToAMachineThatAnotherRuns) {
   // A groove 0.5 mm deep along X with the 10 mm mill, from beside the blank.
   spill(scratch / "groove.nc",
         "G21 G90 G94 G17 G54\nG53 G0 Z0\nT1 M6\nG43.1 Z90\nS12000 M3\nG4 P9\nM7\nG0 X-12 Y0\nG0 Z10\nG1 Z4.5 F1200\nG1 X12 F1920\nG53 G0 Z0\nM5 M9\nM30\n");
-  const CommandResult unattended = lightmill_command({"stream", (scratch / "groove.nc").string(), "--port", port});
+  const std::string groove = (scratch / "groove.nc").string(), check = (scratch / "check").string();
+  EXPECT_EQ(lightmill_command({"dry-run", groove, "--blank", "12x10x5", "--pitch-um", "100", "-o", check}).code, 0);
+  const CommandResult unattended = lightmill_command({"stream", groove, "--proof", check, "--port", port});
   EXPECT_EQ(unattended.code, 6) << "nobody is there to change the tool" << unattended.err;
-  const CommandResult streamed = lightmill_command({"stream", (scratch / "groove.nc").string(), "--port", port, "--confirm-all"});
+  const CommandResult streamed = lightmill_command({"stream", groove, "--proof", check, "--port", port, "--confirm-all"});
   EXPECT_EQ(streamed.code, 0) << streamed.err;
   kill(machine, SIGTERM);
   EXPECT_EQ(wait_for(machine), 0) << slurp(scratch / "log");

@@ -24,8 +24,9 @@ json streamed(const ScratchFolder& scratch, const std::string& protocol, const s
        "--blank", "12x10x5", "--pitch-um", "200", "--out", (scratch / "milled").string()},
       scratch / "log");
   for (int tries = 0; tries < 3000 && !fs::exists(port); ++tries) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  const CommandResult sent = lightmill_command({"stream", program.string(), "--port", port, "--protocol", protocol});
-  EXPECT_EQ(sent.code, 0) << sent.err;
+  const CommandResult sent =
+      typed_command({"stream", program.string(), "--port", port, "--protocol", protocol, "--unproven"}, "unproven\n");
+  EXPECT_EQ(sent.code, 0) << sent.out;
   // The last bytes are still being read.
   std::this_thread::sleep_for(std::chrono::milliseconds(300));
   kill(machine, SIGTERM);
@@ -61,8 +62,10 @@ TEST(StreamProtocols, WrongOnesAreTheUsersMistake) {
   const std::string part = (scratch / "part.nc").string();
   EXPECT_EQ(lightmill_command({"stream", part, "--port", "/dev/ttyNotThere", "--protocol", "lsv2"}).code, 2);
   EXPECT_EQ(lightmill_command({"stream", part, "--port", "/dev/ttyNotThere", "--format", "9N1"}).code, 2);
-  EXPECT_EQ(lightmill_command({"stream", part, "--port", "tcp://nowhere"}).code, 2);
-  EXPECT_EQ(lightmill_command({"stream", part, "--port", "tcp://127.0.0.1:1"}).code, 3);
+  EXPECT_EQ(typed_command({"stream", part, "--port", "tcp://nowhere", "--unproven"}, "unproven\n").code, 2);
+  EXPECT_EQ(typed_command({"stream", part, "--port", "tcp://127.0.0.1:1", "--unproven"}, "unproven\n").code, 3);
+  EXPECT_EQ(typed_command({"stream", part, "--port", "tcp://127.0.0.1:1", "--unproven"}, "yes\n").code, 2);
+  EXPECT_EQ(lightmill_command({"stream", part, "--port", "tcp://127.0.0.1:1", "--unproven"}).code, 2) << "nobody types it";
   const CommandResult fault = lightmill_command({"machine", "--pty", (scratch / "p").string(), "--blank", "12x10x5", "--out",
                                                  (scratch / "o").string(), "--line-fault", "melt@3"});
   EXPECT_EQ(fault.code, 2);
