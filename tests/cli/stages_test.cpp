@@ -59,7 +59,7 @@ void expect_all_whole(const fs::path& run) {
     } else if (extension == ".step") {
       whole = text.find("END-ISO-10303-21;") != std::string::npos;
     } else if (extension == ".toml") {
-      whole = text.find("[stream]") != std::string::npos && text.ends_with("protocol = \"grblhal\"\n");
+      whole = text.find("[stream]") != std::string::npos && text.ends_with("check_first = true\n");
     } else if (extension == ".npy") {
       whole = text.size() > 128 && (text.size() - 10 - static_cast<unsigned char>(text[8])) % sizeof(double) == 0;
     } else {
