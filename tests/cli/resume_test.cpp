@@ -28,6 +28,7 @@ class MachineProcess {
         start_lightmill({"machine", "--pty", port(),
                          "--blank=" + side(0) + "x" + side(1) + "x" + compact(blank["height_mm"].get<double>(), 9),
                          "--origin=7,-4,-420", "--pitch-um", "40", "--time-factor", "150", "--pace-baud", "2000000",
+                         "--starvation-mark-um", "0",  // so quick, it starves where this computer is busy
                          "--out", out.string()},
                         out / "log");
     for (int i = 0; i < 500 && !fs::exists(port()); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));

@@ -164,6 +164,7 @@ inline ResumeRow resume_row(const ResumeCase& program, const ResumeFault& fault,
     SimulationOptions simulation;
     simulation.stock = program.stock;
     simulation.time_factor = 1;
+    simulation.starvation_mark_mm = 0;  // the marks of resumes alone
     LineOptions wire{.baud = 115200, .faults = {}};
     long place = 30 + below(lines - 60);
     if (fault.planted != nullptr) {
