@@ -70,9 +70,9 @@ struct Way {
 /// loop, and the bytes that the system holds before it.
 int hold_latency(int count) {
   constexpr double kByte_s = 10.0 / 115200;
-  std::string text = "G21 G90 G94\nS20000 M3\nG4 P1\nG0 Z50\nG0 X0 Y0\nG1 F3000\n";
+  std::string text = "G21 G90 G94\nS20000 M3\nG4 P1\nG0 Z70\nG0 X0 Y0\nG1 F3000\n";
   for (long i = 1; i <= 1500; ++i) {
-    text += "X" + fixed(0.1 * static_cast<double>(i % 400), 4) + "Y" + fixed(1e-4 * static_cast<double>(i), 4) + "Z50\n";
+    text += "X" + fixed(0.1 * static_cast<double>(i % 400), 4) + "Y" + fixed(1e-4 * static_cast<double>(i), 4) + "Z70\n";
   }
   text += "M5\nM2\n";
   std::mt19937 random(3);
@@ -83,7 +83,9 @@ int hold_latency(int count) {
     options.remove_stock = false;
     options.time_factor = 1;
     options.clock = &clock;
-    SimulatedMachine machine(machine_model(), {}, options);
+    OperatorSetup setup;
+    setup.workpiece_origin_mm = {0, 0, -420};
+    SimulatedMachine machine(machine_model(), setup, options);
     machine.start();
     LockstepLink link(machine, clock, {.baud = 115200, .faults = {}});
     const ClockTime press = std::chrono::microseconds(700'000 + static_cast<long>(random() % 2'000'000));
@@ -99,6 +101,10 @@ int hold_latency(int count) {
     Monitor monitor;
     monitor.should_stop = [&] { return pressed; };
     stream_program(link, text, stream, monitor);
+  }
+  if (latency_s.size() < static_cast<std::size_t>(count)) {
+    std::printf("a stream ended before the key was pressed\n");
+    return 1;
   }
   std::sort(latency_s.begin(), latency_s.end());
   const auto ms = [&](double share) { return 1000 * latency_s[static_cast<std::size_t>(share * static_cast<double>(latency_s.size() - 1))]; };
