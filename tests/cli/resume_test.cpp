@@ -102,8 +102,9 @@ TEST(Resume, TheSurfaceIsThatOfAnUndisturbedRun) {
   EXPECT_THAT(unconfirmed.err, HasSubstr("not confirmed"));
   kill_in({"resume", run.string(), "--port", machine.port(), "--confirm-all", "--yes", "--overlap", "1"}, run, "000003",
           1400);
-  const CommandResult resumed =
-      lightmill_command({"resume", run.string(), "--port", machine.port(), "--confirm-all", "--yes"});
+  // The line is the job's.
+  spill(run / "job.toml", replaced(slurp(run / "job.toml"), "\nport = \"\"", "\nport = \"" + machine.port() + "\""));
+  const CommandResult resumed = lightmill_command({"resume", run.string(), "--confirm-all", "--yes"});
   EXPECT_EQ(resumed.code, 0) << resumed.err;
   EXPECT_THAT(resumed.out, HasSubstr("30_finish.nc"));
   EXPECT_EQ(machine.end(), 0);
@@ -120,7 +121,18 @@ TEST(Resume, TheSurfaceIsThatOfAnUndisturbedRun) {
   }
   EXPECT_LT(1000 * worst_mm, 0.05) << "the cusps are 4 um high";
 
-  EXPECT_THAT(slurp(run / "streams.jsonl"), HasSubstr("20_semi_finish"));
+  // The summary of the last stream, and the plain log of the first.
+  const std::string summaries = slurp(run / "streams.jsonl");
+  EXPECT_THAT(summaries, HasSubstr("20_semi_finish"));
+  const json last = json::parse(summaries.substr(summaries.rfind('\n', summaries.size() - 2) + 1));
+  EXPECT_EQ(last["program"], "30_finish.nc");
+  EXPECT_GT(last["planned_seconds"], 1);
+  EXPECT_GT(last["seconds"], 0);
+  EXPECT_LT(last["pace"], 1) << "a machine 150 times too fast is ahead of the dry run's time";
+  const std::string log = slurp(run / "stream/000001_10_rough.log");
+  EXPECT_THAT(log, HasSubstr("by the dry run's times"));
+  EXPECT_THAT(log, HasSubstr("starved"));
+  EXPECT_THAT(log, HasSubstr("done: "));
   const CommandResult nothing = lightmill_command({"resume", run.string(), "--port", machine.port()});
   EXPECT_EQ(nothing.code, 2) << "everything is milled";
   EXPECT_THAT(nothing.err, HasSubstr("no stream"));
