@@ -31,6 +31,7 @@ constexpr double kDegPerRad = 180 / kPi;
 constexpr double kRoundingWorthSaying = 0.01;  // of a pass's time
 constexpr double kBlankSlack_mm = 1e-6;        // a whole millimetre stays one, whatever its last bits
 constexpr double kSameSpeed = 1e-6;  // of moves that one arc replaces
+constexpr double kArcSlack = 1e-4;   // an arc longer by less keeps the plan's feed, so that F is not said again
 constexpr int kXyPlane = 2;
 constexpr std::array<std::string_view, 3> kPlaneWords{"G19", "G18", "G17"};  // by the axis across
 constexpr std::array<std::string_view, 4> kMotionWords{"G0", "G1", "G2", "G3"};
@@ -606,11 +607,13 @@ class ProgramWriter {
 
   // Arcs --------------------------------------------------------------------------------------------------------------
 
+  [[nodiscard]] double slowest_axis() const {
+    return std::min({machine_.x.max_speed_mm_per_s, machine_.y.max_speed_mm_per_s, machine_.z.max_speed_mm_per_s});
+  }
+
   // The end of the moves from `begin` on that arcs may replace: straight cuts at one speed that every axis can go, rotary
   // axes standing.
   [[nodiscard]] std::size_t end_of_stretch(std::size_t begin) const {
-    const double slowest =
-        std::min({machine_.x.max_speed_mm_per_s, machine_.y.max_speed_mm_per_s, machine_.z.max_speed_mm_per_s});
     double speed = 0;
     JointPosition from = from_;
     std::size_t end = begin;
@@ -619,7 +622,7 @@ class ProgramWriter {
       if (move.kind != MoveKind::kCut || move.rotary_moves) break;
       const double now = (point(move.joints) - point(from)).norm() / move.seconds;
       if (end == begin) speed = now;
-      if (!(now <= slowest && std::abs(now - speed) <= kSameSpeed * speed)) break;
+      if (!(now <= slowest_axis() && std::abs(now - speed) <= kSameSpeed * speed)) break;
       from = move.joints;
     }
     return end;
@@ -631,23 +634,23 @@ class ProgramWriter {
     for (std::size_t i = begin; i < end;) {
       const auto run =
           detail::longest_arc(std::span(points).subspan(i - begin), options_.arc_tolerance_mm, 1 / unit_);
-      if (run) {
-        arc(*run, std::span(points).subspan(i - begin, run->moves + 1), i);
+      double way = 0, seconds = 0;
+      for (std::size_t k = i; run && k < i + run->moves; ++k) {
+        way += (points[k - begin + 1] - points[k - begin]).norm();
+        seconds += pass_->moves[k].seconds;
+      }
+      if (run && run->length_mm <= slowest_axis() * seconds) {
+        if (!(run->length_mm >= way && run->length_mm <= way * (1 + kArcSlack))) way = run->length_mm;
         i += run->moves;
+        arc(*run, points[i - begin], pass_->moves[i - 1].joints, way, seconds);
       } else {
         write_move(pass_->moves[i++]);
       }
     }
   }
 
-  void arc(const detail::ArcRun& run, std::span<const Vec3> points, std::size_t first_move) {
-    const AxisMove& last = pass_->moves[first_move + run.moves - 1];
-    const Position from = at_, to = words(last.joints, points.back());
-    double way = 0, seconds = 0;
-    for (std::size_t i = 0; i < run.moves; ++i) {
-      way += (points[i + 1] - points[i]).norm();
-      seconds += pass_->moves[first_move + i].seconds;
-    }
+  void arc(const detail::ArcRun& run, const Vec3& end, const JointPosition& joints, double way, double seconds) {
+    const Position from = at_, to = words(joints, end);
     begin_block();
     if (run.arc.normal != plane_) {
       space();
@@ -667,7 +670,7 @@ class ProgramWriter {
     end_feed_block(way, seconds);
     ++program_.arcs;
     program_.max_arc_error_mm = std::max(program_.max_arc_error_mm, run.error_mm);
-    from_ = last.joints;
+    from_ = joints;
   }
 
   // Facts -------------------------------------------------------------------------------------------------------------

@@ -67,32 +67,46 @@ std::optional<PlaneArc> fit(std::span<const Vec3> points, double tolerance_mm) {
   return arc;
 }
 
+double radius_of(const PlaneArc& arc, const Vec3& p) {
+  const int a = first_axis(arc.normal), b = second_axis(arc.normal);
+  return std::hypot(p[a] - arc.centre_mm[a], p[b] - arc.centre_mm[b]);
+}
+
+// From one place to another in the arc's sense, from -pi to pi.
+double turn_between(const PlaneArc& arc, const Vec3& from, const Vec3& to) {
+  const int a = first_axis(arc.normal), b = second_axis(arc.normal);
+  const double ua = from[a] - arc.centre_mm[a], ub = from[b] - arc.centre_mm[b];
+  const double va = to[a] - arc.centre_mm[a], vb = to[b] - arc.centre_mm[b];
+  return (arc.clockwise ? -1 : 1) * std::atan2(ua * vb - ub * va, ua * va + ub * vb);
+}
+
 }  // namespace
 
 double arc_error(const PlaneArc& arc, std::span<const Vec3> points) {
-  const int a = first_axis(arc.normal), b = second_axis(arc.normal), n = arc.normal;
-  const double sense = arc.clockwise ? -1 : 1;
-  const auto angle_of = [&](const Vec3& p) { return std::atan2(p[b] - arc.centre_mm[b], p[a] - arc.centre_mm[a]); };
-  const auto radius_of = [&](const Vec3& p) { return std::hypot(p[a] - arc.centre_mm[a], p[b] - arc.centre_mm[b]); };
+  const int n = arc.normal;
   const Vec3 &from = points.front(), &to = points.back();
-  const double start = angle_of(from), r0 = radius_of(from), r1 = radius_of(to);
-  const double turn = std::remainder(sense * (angle_of(to) - start), 2 * kPi);
+  const double r0 = radius_of(arc, from), r1 = radius_of(arc, to);
+  const double turn = turn_between(arc, from, to);
   if (!(turn > 0 && turn <= kMostTurn_rad)) return kInfinity;
   double worst = std::abs(r1 - r0);
   double t_before = 0;
   for (std::size_t i = 1; i < points.size(); ++i) {
     const Vec3 &p = points[i - 1], &q = points[i];
-    const double t = i + 1 == points.size() ? 1 : std::remainder(sense * (angle_of(q) - start), 2 * kPi) / turn;
+    const double t = i + 1 == points.size() ? 1 : turn_between(arc, from, q) / turn;
     if (!(t > t_before && t <= 1)) return kInfinity;
     // Along a short chord the angle grows evenly.
     for (const double f : {0.25, 0.5, 0.75, 1.0}) {
       const Vec3 at = p + f * (q - p);
       const double s = t_before + f * (t - t_before);
-      worst = std::max(worst, std::hypot(radius_of(at) - (r0 + s * (r1 - r0)), at[n] - (from[n] + s * (to[n] - from[n]))));
+      worst = std::max(worst, std::hypot(radius_of(arc, at) - (r0 + s * (r1 - r0)), at[n] - (from[n] + s * (to[n] - from[n]))));
     }
     t_before = t;
   }
   return worst;
+}
+
+double arc_length(const PlaneArc& arc, const Vec3& from, const Vec3& to) {
+  return std::hypot(turn_between(arc, from, to) * radius_of(arc, from), to[arc.normal] - from[arc.normal]);
 }
 
 std::optional<ArcRun> longest_arc(std::span<const Vec3> points, double tolerance_mm, double unit_mm) {
@@ -102,13 +116,14 @@ std::optional<ArcRun> longest_arc(std::span<const Vec3> points, double tolerance
     const std::span<const Vec3> part = points.first(moves + 1);
     const auto arc = fit(part, std::max(tolerance_mm / 2, tolerance_mm - unit_mm));
     if (!arc) return std::nullopt;
-    ArcRun run{moves, *arc, 0};
+    ArcRun run{moves, *arc, 0, 0};
     printed.assign(part.begin(), part.end());
     printed.front() = on_grid(part.front());
     printed.back() = on_grid(part.back());
     // Printed as the way from the arc's start.
     run.arc.centre_mm = printed.front() + on_grid(run.arc.centre_mm - printed.front());
     run.error_mm = arc_error(run.arc, printed);
+    run.length_mm = arc_length(run.arc, printed.front(), printed.back());
     return run.error_mm <= tolerance_mm ? std::optional(run) : std::nullopt;
   };
 

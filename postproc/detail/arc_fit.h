@@ -23,11 +23,15 @@ inline int second_axis(int normal) { return (normal + 2) % 3; }
 /// radius changes evenly. Infinite where a point lies out of the arc's order or the arc turns by more than 120 degrees.
 double arc_error(const PlaneArc& arc, std::span<const Vec3> points);
 
+/// Way along the arc from one place to another, at the first one's radius.
+double arc_length(const PlaneArc& arc, const Vec3& from, const Vec3& to);
+
 /// The arc from the first point to as many as it can stay within `tolerance_mm` of.
 struct ArcRun {
   std::size_t moves = 0;  ///< that it replaces: ends at points[moves]
   PlaneArc arc;
   double error_mm = 0;
+  double length_mm = 0;
 };
 
 /// Nothing if it would replace fewer than three moves. Ends and centre are on a grid of `unit_mm`, as they will be printed.

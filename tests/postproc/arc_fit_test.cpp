@@ -171,6 +171,22 @@ TEST_P(Arcs, MutationsAreNoticed) {
   EXPECT_GT(mutations, 100);
 }
 
+// A wide tolerance lets arcs be shorter or longer than the moves they stand for: their time is still the plan's, as the check
+// says that write_program asks.
+RC_GTEST_PROP(ArcsOfRandomRows, TakeThePlansTimeAtAnyTolerance, ()) {
+  ToolPath path = test::fixed_rows(real(0, 40) * kDeg, real(-3, 3), 2, *rc::gen::inRange(5, 40), real(1, 34));
+  const double wave_mm = *rc::gen::element(0.0, 1.0) * real(0, 0.02);
+  for (Move& move : path.moves) {
+    if (move.kind == MoveKind::kCut) move.pose.tip_mm.z() += real(-1, 1) * wave_mm;
+  }
+  const MachineModel machine = test::hostile_machine();
+  ProgramOptions options = test::with_decimals(4);
+  options.arc_tolerance_mm = real(2e-4, 0.02);
+  const Made made = test::make(machine, work_on_table(machine, {23, -17, 30}, 54), path, options);
+  RC_CLASSIFY(made.program.arcs > 0);
+  RC_ASSERT(faults_of(made, made.program.text).empty());
+}
+
 TEST(ArcsAreRefused, WhereAnotherPlaneTurnsTheToolLength) {
   for (const char* controller : {"siemens", "heidenhain", "heidenhain_iso"}) {
     MachineModel machine = test::hostile_machine();
