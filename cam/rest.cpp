@@ -13,7 +13,7 @@ constexpr double kLegMm = 0.3;
 constexpr double kSmoothMm = 0.5;        ///< to either side
 constexpr double kShareOfStepover = 0.85;  ///< flanks bend, and lines beside a bent one are not evenly apart
 constexpr double kBeyondMm = 0.05;       ///< the fillet's border, so that the ball meets what finishing has cut
-constexpr double kOverEndMm = 0.5;
+constexpr double kOverEndMm = 0.5;         ///< and twice the half width, for borders that cut a fillet off at a slant
 constexpr double kShortestMm = 0.5;      ///< a shorter stretch is not worth its landing
 
 /// A place along a crease with what is not reached to either side.
@@ -23,11 +23,8 @@ struct Station {
 };
 
 std::vector<Station> stations(const Crease& crease) {
-  std::vector<Vec2> line = line_to_follow(crease);
+  const std::vector<Vec2> line = line_to_follow(crease);
   if (line.size() < 2) return {};
-  // Over the ends, where the fillet runs out.
-  line.insert(line.begin(), line[0] + kOverEndMm * (line[0] - line[1]).normalized());
-  line.push_back(line.back() + kOverEndMm * (line.back() - line[line.size() - 2]).normalized());
   std::vector<Station> result;
   for (std::size_t k = 0; k < line.size(); ++k) {
     const Vec2 along = (line[std::min(k + 1, line.size() - 1)] - line[k > 0 ? k - 1 : 0]).normalized();
@@ -39,11 +36,25 @@ std::vector<Station> stations(const Crease& crease) {
     }
     result.push_back(s);
   }
+  // Over the ends, where the fillet runs out or the lens ends.
+  std::vector<Station> before, after;
+  const auto go_on = [](Station s, double sense, std::vector<Station>& on) {
+    const int legs = static_cast<int>(std::ceil((kOverEndMm + 2 * s.half_width_mm) / kLegMm));
+    for (int k = 0; k < legs; ++k) {
+      s.place += sense * kLegMm * Vec2(s.across.y(), -s.across.x());
+      on.push_back(s);
+    }
+  };
+  go_on(result.front(), -1, before);
+  go_on(result.back(), 1, after);
+  result.insert(result.begin(), before.rbegin(), before.rend());
+  result.insert(result.end(), after.begin(), after.end());
   return result;
 }
 
-/// Lines beside the crease, `spacing` apart, each as long as the fillet is so wide; from one side to the other.
-void add_lines(const std::vector<Station>& crease, double spacing, std::vector<std::vector<Vec2>>& lines) {
+/// Lines beside the crease, `spacing` apart, each as long as the fillet is so wide; from one side to the other. They end one place
+/// out of `wanted`.
+void add_lines(const std::vector<Station>& crease, double spacing, const Box2& wanted, std::vector<std::vector<Vec2>>& lines) {
   double widest = 0;
   for (const Station& s : crease) widest = std::max(widest, s.half_width_mm);
   const int beside = static_cast<int>(std::ceil((widest + kBeyondMm) / spacing - 0.5));
@@ -59,6 +70,8 @@ void add_lines(const std::vector<Station>& crease, double spacing, std::vector<s
       if (!line.empty() && (place - line.back()).dot(Vec2(s->across.y(), -s->across.x())) < 0.2 * kLegMm) continue;
       line.push_back(place);
     }
+    while (line.size() > 1 && !wanted.contains(line[line.size() - 2])) line.pop_back();
+    while (line.size() > 1 && !wanted.contains(line[1])) line.erase(line.begin());
     double length = 0;
     for (std::size_t m = 1; m < line.size(); ++m) length += (line[m] - line[m - 1]).norm();
     if (length >= kShortestMm) lines.push_back(std::move(line));
@@ -130,10 +143,13 @@ RestPlan plan_rest(const SplineSurface& surface, const Blank& blank, const Cutte
   RestPlan plan;
   const double cusp_mm = options.cusp_um * 1e-3;
   std::vector<std::vector<Vec2>> lines;
+  Box2 wanted = surface.extent();
+  wanted.min -= Vec2::Constant(kOverEndMm);
+  wanted.max += Vec2::Constant(kOverEndMm);
   for (const Crease& crease : creases) {
     // Along a flank of angle a / 2 to the level a stepover is seen shorter from above.
     const double spacing = kShareOfStepover * detail::flat_stepover_mm(ball.radius_mm(), cusp_mm) * std::cos(crease.most_angle_rad / 2);
-    add_lines(stations(crease), spacing, lines);
+    add_lines(stations(crease), spacing, wanted, lines);
   }
   plan.ways = lines.size();
   plan.path.pass = options.pass;

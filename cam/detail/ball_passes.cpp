@@ -674,7 +674,8 @@ CentrePath centre_path(const TurnedBall& ball, double y, double from_x, double t
       const double bend = std::max(std::abs(here.slope - chord), std::abs(next.slope - chord));
       // A parabola of that end slope stands length * bend / 4 above its chord, measured across it a little less.
       error = std::max(bend * length / 4 / tolerance.chord_mm / std::sqrt(1 + chord * chord), bend / tolerance.slope);
-      if (error <= 1 || length <= tolerance.shortest_mm) break;
+      // The last length may be longer than the shortest step, by rounding.
+      if (error <= 1 || step <= tolerance.shortest_mm) break;
       step = std::max(tolerance.shortest_mm, length * std::clamp(0.95 / std::sqrt(error), 0.2, 0.9));
     }
     step = (next.x - here.x) * std::clamp(0.93 / std::sqrt(std::max(error, 1e-3)), 0.5, 3.0);
