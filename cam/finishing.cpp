@@ -1,5 +1,6 @@
 #include "cam/finishing.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -25,11 +26,14 @@ using detail::TurnedBall;
 
 constexpr double kBesideMm = 0.5;     ///< air between the ball and the block's side where passes start and end
 constexpr double kLinkAboveMm = 1.5;  ///< of links above the highest place on their way: more than earlier passes leave
-// The curve on which an infill piece lands and leaves: 0.5 mm up at its far end in finishing, 2 mm where a pass before
-// may have left a millimetre.
-constexpr double kLandRadiusMm = 4;
+// The arcs on which the ball lands and leaves. On the surface they end 0.5 mm up in finishing, 2 mm where a pass before may have
+// left a millimetre; beside the block, where nothing stands, 0.33 mm.
 constexpr double kLandMm = 2;
 constexpr double kLandInStockMm = 4;
+constexpr double kLandRadiusMm = 4.0 / 3;
+constexpr double kLandInAirMm = 1;
+constexpr double kLandInAirRadiusMm = 0.5;
+constexpr double kArcLegMm = 0.1;
 // Within an outline passes reach so far beyond it, contact for contact; semi-finishing farther, so that finishing lands where
 // its allowance alone stands.
 constexpr double kBeyondMm = 1;
@@ -88,6 +92,12 @@ std::vector<Vec2> centres_over(const SplineSurface& surface, double radius_mm, s
   return places;
 }
 
+/// An arc away from a pass whose curvature grows evenly from the pass's own to 1 / radius at its end.
+struct Arc {
+  double length_mm, radius_mm;
+  [[nodiscard]] double lift(double away_mm) const { return away_mm * away_mm * away_mm / (6 * radius_mm * length_mm); }
+};
+
 /// A vertex of a pass with its axis.
 struct Vertex {
   Vec3 centre = Vec3::Zero();
@@ -104,12 +114,14 @@ class Planner {
         cutter_(cutter),
         options_(options),
         radius_(cutter.radius_mm()),
-        ball_(surface, radius_ + options.allowance_mm, 2 * radius_ + options.allowance_mm + kBesideMm + 1),
+        ball_(surface, radius_ + options.allowance_mm, 2 * radius_ + options.allowance_mm + kBesideMm + kLandInAirMm + 0.5),
         turned_(ball_, detail::Turn::by(options.angle_rad)) {
     beside_ = Box2::centred(blank.size_mm + Vec2::Constant(2 * (radius_ + kBesideMm)));
     tolerance_.chord_mm = options.chord_tolerance_mm;
     tolerance_.longest_mm = options.longest_segment_mm;
     tolerance_.shortest_mm = std::min(0.01, options.longest_segment_mm);
+    arc_tolerance_ = tolerance_;
+    arc_tolerance_.longest_mm = std::min(kArcLegMm, options.longest_segment_mm);
   }
 
   ToolPath plan(const Monitor& monitor) {
@@ -262,33 +274,41 @@ class Planner {
     return !options_.outline && ((place - beside_.min).minCoeff() <= 1e-9 || (beside_.max - place).minCoeff() <= 1e-9);
   }
 
-  /// The way of path number k, landing on and leaving the surface along curves but where it begins or ends beside the block
-  /// or joins another path; vertices close enough for a turning axis.
+  /// Whether the straight way between two places stays on one side of the block.
+  [[nodiscard]] bool stays_beside(const Vec2& from, const Vec2& to) const {
+    const Vec2 low = from.cwiseMin(to), high = from.cwiseMax(to);
+    return !options_.outline && ((low - beside_.max).maxCoeff() >= -1e-9 || (beside_.min - high).maxCoeff() >= -1e-9);
+  }
+
+  /// The way of path number k, landing and leaving on arcs but where it joins another path; vertices close enough for a turning
+  /// axis.
   [[nodiscard]] std::vector<Vertex> vertices(const std::vector<CentrePath>& paths, std::size_t k) const {
     const CentrePath& path = paths[k];
     const TurnedBall turned(ball_, path.turn);
     std::vector<Vertex> result;
-    const auto lift = [](double away) { return away * away / (2 * kLandRadiusMm); };
     const double begin = path.points.front().x;
     const double end = path.points.back().x;
-    const bool lands = !path.joined && !in_air(path.turn.out({begin, path.y}));
-    const bool leaves = (k + 1 == paths.size() || !paths[k + 1].joined) && !in_air(path.turn.out({end, path.y}));
-    if (lands) {
-      for (const PathPoint& p : detail::centre_path(turned, path.y, begin - land_mm(), begin, tolerance_).points) {
-        if (p.x < begin) add(result, vertex(path, p, lift(begin - p.x)));
+    if (!path.joined) {
+      const Arc arc = arc_at(path.turn.out({begin, path.y}));
+      for (const PathPoint& p : detail::centre_path(turned, path.y, begin - arc.length_mm, begin, arc_tolerance_).points) {
+        if (p.x < begin) add(result, vertex(path, p, arc.lift(begin - p.x)));
       }
     }
     for (const PathPoint& p : path.points) add(result, vertex(path, p, 0));
-    if (leaves) {
-      for (const PathPoint& p : detail::centre_path(turned, path.y, end, end + land_mm(), tolerance_).points) {
-        if (p.x > end) add(result, vertex(path, p, lift(p.x - end)));
+    if (k + 1 == paths.size() || !paths[k + 1].joined) {
+      const Arc arc = arc_at(path.turn.out({end, path.y}));
+      for (const PathPoint& p : detail::centre_path(turned, path.y, end, end + arc.length_mm, arc_tolerance_).points) {
+        if (p.x > end) add(result, vertex(path, p, arc.lift(p.x - end)));
       }
     }
     if (options_.strategy == Strategy::kZigZag && k % 2 == 1 && !path.joined && !(k + 1 < paths.size() && paths[k + 1].joined)) std::reverse(result.begin(), result.end());
     return result;
   }
 
-  [[nodiscard]] double land_mm() const { return options_.allowance_mm > 0 ? kLandInStockMm : kLandMm; }
+  [[nodiscard]] Arc arc_at(const Vec2& place) const {
+    if (in_air(place)) return {kLandInAirMm, kLandInAirRadiusMm};
+    return {options_.allowance_mm > 0 ? kLandInStockMm : kLandMm, kLandRadiusMm};
+  }
 
   void add(std::vector<Vertex>& list, const Vertex& next) const {
     if (lead_ && !list.empty()) {
@@ -343,19 +363,22 @@ class Planner {
       // Down beside the part (or above a landing curve), then the pass.
       if (!paths[k].joined) link(pose(way.front()));
       for (std::size_t i = 1; i < way.size(); ++i) {
-        const bool landing = way[i - 1].lift_mm > way[i].lift_mm;
+        const bool landing = way[i - 1].lift_mm > way[i].lift_mm && !in_air(way[i].centre.head<2>());
         out.moves.push_back({pose(way[i]), landing ? MoveKind::kPlunge : MoveKind::kCut,
                              landing ? std::min(feed_at(way[i]), cutter_.plunge_feed_mm_per_s) : feed_at(way[i])});
       }
       if (k + 1 == paths.size()) break;
       std::vector<Vertex> next = vertices(paths, k + 1);
-      if (!paths[k + 1].joined) {
+      const Vertex& here = way.back();
+      const Vertex& there = next.front();
+      if (!paths[k + 1].joined && (lead_ || !stays_beside(here.centre.head<2>(), there.centre.head<2>()))) {
         // Up, back, down: just above the highest place on the way; a turning axis needs full clearance.
-        const Vertex& here = way.back();
-        const Vertex& there = next.front();
         double tip_from = out.clearance_z_mm;
         if (!lead_) {
-          const double centre = std::max({highest_between(here.centre.head<2>(), there.centre.head<2>()) + kLinkAboveMm,
+          // A step to the next pass needs no more than where both of them come down.
+          const bool near = (here.centre - there.centre).head<2>().norm() <= kLandMm;
+          const double above = near ? std::min(kLinkAboveMm, std::max(here.lift_mm, there.lift_mm)) : kLinkAboveMm;
+          const double centre = std::max({highest_between(here.centre.head<2>(), there.centre.head<2>()) + above,
                                           here.centre.z(), there.centre.z()});
           tip_from = std::min(tip_from, centre - radius_ * axis_.z());
           tip_from = std::max({tip_from, pose(here).tip_mm.z(), pose(there).tip_mm.z()});
@@ -378,7 +401,7 @@ class Planner {
   detail::BallContact ball_;
   TurnedBall turned_;
   Box2 beside_;  ///< a ball whose centre is outside does not touch the block
-  detail::PathTolerance tolerance_;
+  detail::PathTolerance tolerance_, arc_tolerance_;
   std::optional<OutlineRegion> within_;
   std::vector<detail::FixedTilt> tilts_;
   std::optional<detail::LeadField> lead_;
@@ -409,9 +432,11 @@ ContactSummary contact_summary(const SplineSurface& surface, const ToolPath& pat
   ContactSummary result;
   result.least_angle_rad = kPi;
   int count = 0;
+  double way_mm = 0, climb_mm = 0;
   for (std::size_t k = 1; k < path.moves.size(); ++k) {
     if (path.moves[k].kind != MoveKind::kCut) continue;
-    result.cutting_mm += (path.moves[k].pose.tip_mm - path.moves[k - 1].pose.tip_mm).norm();
+    const Vec3 way = path.moves[k].pose.tip_mm - path.moves[k - 1].pose.tip_mm;
+    result.cutting_mm += way.norm();
     const Vec3& axis = path.moves[k].pose.axis;
     const bool measured = count++ % kEvery == 0;
     const Vec3 centre = path.moves[k].pose.tip_mm + radius * axis;
@@ -422,7 +447,11 @@ ContactSummary contact_summary(const SplineSurface& surface, const ToolPath& pat
     const double angle = std::acos(std::clamp(axis.dot(normal), -1.0, 1.0));
     result.least_angle_rad = std::min(result.least_angle_rad, angle);
     result.most_angle_rad = std::max(result.most_angle_rad, angle);
+    way_mm += way.norm();
+    // M3 turns clockwise as seen from the spindle; the contact lies along -normal from the centre.
+    if (axis.cross(normal).dot(way) < 0) climb_mm += way.norm();
   }
+  if (way_mm > 0) result.climb_share = climb_mm / way_mm;
   const auto speed = [&](double angle) { return 2 * kPi * radius * path.spindle_rpm * std::sin(angle) / 1000; };
   result.least_angle_rad = std::min(result.least_angle_rad, result.most_angle_rad);
   result.slowest_m_per_min = speed(result.least_angle_rad);

@@ -60,6 +60,7 @@ struct ContactSummary {
   double slowest_m_per_min = 0, fastest_m_per_min = 0;  ///< cutting speed at the contact, 2 pi R n sin(angle)
   double least_diameter_mm = 0, most_diameter_mm = 0;   ///< of the circle the contact runs on, 2 R sin(angle)
   double cutting_mm = 0;                                ///< way of the tip in cutting moves: what wears the edge
+  double climb_share = 0;                               ///< of the way on the lens: the edge at the contact runs against the feed
 };
 /// Of cutting moves that touch within the lens, at every 20th of them.
 ContactSummary contact_summary(const SplineSurface& surface, const ToolPath& path, const FinishOptions& options);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <Eigen/Geometry>
 #include <filesystem>
 #include <random>
 
@@ -276,7 +277,7 @@ TEST(Finishing, SpacingChangesTooSlowlyToBeSeenInTheLight) {
 class FinishingEverywhere : public ::testing::TestWithParam<int> {};
 
 TEST_P(FinishingEverywhere, NoGougeAndNoCuspAboveTheLimit) {
-  const Vec2 size(16, 13);
+  const Vec2 size(9, 7.5);
   const auto s = hilly(GetParam(), size);
   FinishOptions options;
   if (GetParam() % 3 == 1) options.axis = AxisPolicy::kVertical;
@@ -286,7 +287,7 @@ TEST_P(FinishingEverywhere, NoGougeAndNoCuspAboveTheLimit) {
   std::mt19937 random(GetParam());
   std::uniform_real_distribution<double> u(-0.5, 0.5);
   double most = 0, least = 0;
-  for (int k = 0; k < 60000; ++k) {
+  for (int k = 0; k < 25000; ++k) {
     Vec2 p(size.x() * u(random), size.y() * u(random));
     if (k % 5 == 0) p.x() = (k % 2 ? 0.5 : -0.5) * size.x();  // the border itself
     if (k % 5 == 1) p.y() = (k % 2 ? 0.5 : -0.5) * size.y();
@@ -321,7 +322,7 @@ TEST(Finishing, InACreaseTheReachableFlanksAreWithinTheLimitToTheirBorder) {
   std::mt19937 random(2);
   std::uniform_real_distribution<double> u(-0.5, 0.5);
   double flank_most = 0, border_most = 0, least = 0, fillet_most = 0;
-  for (int k = 0; k < 100000; ++k) {
+  for (int k = 0; k < 40000; ++k) {
     const Vec2 p(size.x() * u(random), size.y() * u(random));
     const double left = swept.left_mm({p.x(), p.y(), s.height(p.x(), p.y())});
     least = std::min(least, left);
@@ -484,6 +485,100 @@ TEST(Finishing, StopsWhenTheUserAsks) {
   Monitor monitor;
   monitor.should_stop = [] { return true; };
   EXPECT_THROW(plan_finishing(s, blank_for(s), finishing_ball(), {}, monitor), Stopped);
+}
+
+// ---- entries and exits --------------------------------------------------------------------------------------------
+
+struct EntryCase {
+  const char* name;
+  Strategy strategy;
+  double angle_deg;
+  double disk_mm;  ///< 0: the whole rectangle, entered from beside the block
+};
+
+class Entries : public ::testing::TestWithParam<EntryCase> {};
+
+TEST_P(Entries, LeaveThePassWithItsOwnCurvatureAndNeverTouchTheLens) {
+  const EntryCase& c = GetParam();
+  const Vec2 size(9, 7);
+  const auto s = hilly(61, size);
+  FinishOptions options;
+  options.cusp_um = 8;
+  options.strategy = c.strategy;
+  options.angle_rad = c.angle_deg * kPi / 180;
+  const double radius = 2;
+  if (c.disk_mm > 0) options.outline = Outline{Outline::Shape::kDisk, {c.disk_mm, c.disk_mm}, {}};
+  const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), options);
+  std::vector<Vec3> lens;
+  for (double y = -size.y() / 2; y <= size.y() / 2 + 1e-9; y += 0.1) {
+    for (double x = -size.x() / 2; x <= size.x() / 2 + 1e-9; x += 0.1) {
+      if (!options.outline || options.outline->contains({x, y})) lens.emplace_back(x, y, s.height(x, y));
+    }
+  }
+  const auto centre = [&](std::size_t k) { return Vec3(path.moves[k].pose.tip_mm + radius * path.moves[k].pose.axis); };
+  const auto feeds = [&](std::size_t k) { return path.moves[k].kind == MoveKind::kCut || path.moves[k].kind == MoveKind::kPlunge; };
+  int arcs = 0;
+  // From an end of a way inwards: first the arc's height over the ball at rest, then where it meets the pass.
+  const auto judge = [&](std::size_t end, int inwards) {
+    std::vector<std::pair<Vec3, double>> arc;
+    std::size_t k = end;
+    for (;; k += inwards) {
+      const Vec3 p = centre(k);
+      const double lift = p.z() - ball_centre_height(s, radius, p.x(), p.y());
+      if (lift < 2e-6) break;
+      arc.emplace_back(p, lift);
+    }
+    const Vec3 meets = centre(k);
+    ASSERT_GE(arc.size(), 4U);
+    EXPECT_GT(arc.front().second, 0.3) << "comes down clear of the work";
+    for (const auto& [p, lift] : arc) {
+      const double away = (p - meets).head<2>().norm();
+      EXPECT_LE(lift, 0.5 * away * away * away + 1e-5) << "neither height nor slope nor curvature jumps, " << away << " mm away";
+      double gap = 1;
+      for (const Vec3& q : lens) gap = std::min(gap, (p - q).norm() - radius);
+      EXPECT_GT(gap, 0.1) << "an arc touches the lens at " << p.transpose();
+    }
+    ++arcs;
+  };
+  for (std::size_t k = 1; k + 1 < path.moves.size(); ++k) {
+    if (!feeds(k) && feeds(k + 1)) judge(k, 1);
+    if (feeds(k) && !feeds(k + 1) && c.strategy != Strategy::kSpiral) judge(k, -1);  // which ends in the middle
+  }
+  EXPECT_GT(arcs, c.strategy == Strategy::kSpiral ? 0 : 30);
+}
+
+INSTANTIATE_TEST_SUITE_P(Strategies, Entries,
+                         ::testing::Values(EntryCase{"one_way", Strategy::kOneWay, 0, 0}, EntryCase{"zig_zag_25", Strategy::kZigZag, 25, 0},
+                                           EntryCase{"disk", Strategy::kOneWay, 0, 6}, EntryCase{"disk_zig_zag", Strategy::kZigZag, 70, 6},
+                                           EntryCase{"spiral", Strategy::kSpiral, 0, 0}),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+TEST(Climb, OneWayPassesMeetTheEdgeThatComesTowardsThem) {
+  const auto s = hilly(62, {9, 7});
+  for (const Strategy strategy : {Strategy::kOneWay, Strategy::kZigZag}) {
+    FinishOptions options;
+    options.cusp_um = 8;
+    options.strategy = strategy;
+    options.angle_rad = 0.4;
+    const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), options);
+    double climb = 0, all = 0;
+    for (std::size_t k = 1; k < path.moves.size(); ++k) {
+      if (path.moves[k].kind != MoveKind::kCut) continue;
+      const ToolPose& pose = path.moves[k].pose;
+      const Vec3 c = pose.tip_mm + 2 * pose.axis;
+      const Vec2 touch = detail::ball_contact(s, 2, c.x(), c.y()).point;
+      if (!s.extent().contains(touch)) continue;
+      // Where the edge at the contact is a moment later: M3 turns clockwise as seen along the tool from the spindle.
+      const Vec3 at = Vec3(touch.x(), touch.y(), s.height(touch.x(), touch.y())) - c;
+      const Vec3 later = Eigen::AngleAxisd(-1e-3, pose.axis) * at;
+      const Vec3 way = pose.tip_mm - path.moves[k - 1].pose.tip_mm;
+      all += way.norm();
+      if ((later - at).dot(way) < 0) climb += way.norm();
+    }
+    const double share = contact_summary(s, path, options).climb_share;
+    EXPECT_NEAR(share, climb / all, 0.05);
+    EXPECT_NEAR(climb / all, strategy == Strategy::kOneWay ? 1 : 0.5, strategy == Strategy::kOneWay ? 0 : 0.05);
+  }
 }
 
 // ---- axis ---------------------------------------------------------------------------------------------------------
