@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <string>
 #include <utility>
@@ -30,6 +29,8 @@ constexpr double kFinalScallopMm = 0.25;  ///< aim for what the last raster leav
 constexpr int kMostTraverses = 400;       ///< of a pit, each 3 degrees or a slot's depth deeper
 constexpr double kLiftMm = 0.1;           ///< a higher step is climbed before the cut
 constexpr double kDeepestShare = 1.3;     ///< of the stepdown: what a cut may reach where lines left steps
+constexpr double kSideMm = 0.75;          ///< more of the cut on the left than on the right is conventional milling ...
+constexpr double kSideDepthMm = 0.05;     ///< ... where it is deeper than this
 constexpr float kNothing = -1e6f;
 
 /// Height of the cutter's surface above its tip at distance r from the axis.
@@ -135,6 +136,7 @@ class Rougher {
   }
 
   [[nodiscard]] RestMaterial rest() const { return {box_, stock_}; }
+  [[nodiscard]] const RoughCutting& cutting() const { return cutting_; }
 
  private:
   // Tip grid: node (i, j) stands over block node (i - rim_x_, j - rim_y_).
@@ -240,13 +242,25 @@ class Rougher {
 
   /// What the cutter with its axis over node (i, j) meets.
   struct Meeting {
-    std::vector<float> tops;    ///< lowest tips that clear each grid row, the highest first
+    struct Top {
+      float z;
+      int row;  ///< towards +y from the axis
+    };
+    std::vector<Top> tops;      ///< lowest tips that clear each grid row, the highest first
     float core_top = kNothing;  ///< highest material under the cutter's core
 
-    [[nodiscard]] bool touches(double z) const { return !tops.empty() && tops.front() > z + kTouchMm; }
+    [[nodiscard]] bool touches(double z) const { return !tops.empty() && tops.front().z > z + kTouchMm; }
     /// Count of grid rows in which the cutter is deeper than `depth` with its tip at z: the engaged width.
     [[nodiscard]] int rows(double z, double depth) const {
-      return static_cast<int>(std::count_if(tops.begin(), tops.end(), [&](float top) { return top > z + depth; }));
+      return static_cast<int>(std::count_if(tops.begin(), tops.end(), [&](const Top& top) { return top.z > z + depth; }));
+    }
+    /// By how many rows more the cutter is deeper than `depth` on the side of +y than on that of -y.
+    [[nodiscard]] int rows_above(double z, double depth) const {
+      int more = 0;
+      for (const Top& top : tops) {
+        if (top.z > z + depth) more += (top.row > 0) - (top.row < 0);
+      }
+      return more;
     }
   };
   [[nodiscard]] Meeting meet(int i, int j) const {
@@ -265,9 +279,9 @@ class Rougher {
         top = std::max(top, stock[a] - o.up);
         if (o.core) m.core_top = std::max(m.core_top, stock[a]);
       }
-      if (top > kNothing / 2) m.tops.push_back(top);
+      if (top > kNothing / 2) m.tops.push_back({top, row.j});
     }
-    std::sort(m.tops.begin(), m.tops.end(), std::greater<>());
+    std::sort(m.tops.begin(), m.tops.end(), [](const Meeting::Top& a, const Meeting::Top& b) { return a.z > b.z; });
     return m;
   }
 
@@ -275,8 +289,8 @@ class Rougher {
   [[nodiscard]] double held(const Meeting& m) const {
     if (m.tops.empty()) return kNothing;
     const std::size_t widest = static_cast<std::size_t>(options_.stepover_mm / dy_ + 1e-9) + 1;
-    double z = m.tops.front() - kDeepestShare * options_.stepdown_mm;
-    if (m.tops.size() > widest) z = std::max(z, m.tops[widest] - slot_depth_);
+    double z = m.tops.front().z - kDeepestShare * options_.stepdown_mm;
+    if (m.tops.size() > widest) z = std::max(z, m.tops[widest].z - slot_depth_);
     return z;
   }
 
@@ -358,6 +372,10 @@ class Rougher {
       const double core = std::max(wish[i], static_cast<double>(m.core_top));
       const double next = std::max({wish[i], held(m), std::min(core, z - dx_ * kRampSlope)});
       Point p{x_of(i), next, MoveKind::kCut, cut_feed};
+      if (m.touches(next)) {
+        cutting_.in_material_mm += dx_;
+        if (step * m.rows_above(next, kSideDepthMm) * dy_ > kSideMm) cutting_.conventional_mm += dx_;
+      }
       if (m.touches(next) && z - next > 0.8 * dx_ * kRampSlope) {
         p.kind = MoveKind::kPlunge;
         p.feed = plunge_feed;
@@ -507,6 +525,7 @@ class Rougher {
   Grid<float> target_, tip_, stock_;
   double margin_mm_ = 0, lowest_tip_ = 0, clearance_z_ = 0;
   std::vector<Move> moves_;
+  RoughCutting cutting_;
 };
 
 }  // namespace
@@ -563,10 +582,12 @@ RoughChoice plan_faster_roughing(const SplineSurface& surface, const Blank& blan
   layer_options.way = RoughWay::kLayers;
   Rougher by_layers(surface, blank, mill, layer_options);
   ToolPath layers = by_layers.plan(monitor.part(0.5, 1));
-  RoughChoice choice{RoughWay::kLevels, {}, {}, levels.minutes(kRapidMmPerS), layers.minutes(kRapidMmPerS)};
+  RoughChoice choice{RoughWay::kLevels, {}, {}, {}, levels.minutes(kRapidMmPerS), layers.minutes(kRapidMmPerS)};
   if (choice.layers_minutes < choice.levels_minutes) choice.way = RoughWay::kLayers;
   choice.path = std::move(choice.way == RoughWay::kLayers ? layers : levels);
-  choice.rest = (choice.way == RoughWay::kLayers ? by_layers : by_levels).rest();
+  const Rougher& taken = choice.way == RoughWay::kLayers ? by_layers : by_levels;
+  choice.rest = taken.rest();
+  choice.cutting = taken.cutting();
   return choice;
 }
 

@@ -37,11 +37,20 @@ struct RestMaterial {
   Grid<float> heights_mm;
 };
 
+/// How the mill meets the material, seen on the planner's grid.
+struct RoughCutting {
+  double in_material_mm = 0;   ///< way in material
+  double conventional_mm = 0;  ///< of it with clearly more material on the left than on the right: against climb milling
+
+  [[nodiscard]] double conventional_share() const { return in_material_mm > 0 ? conventional_mm / in_material_mm : 0; }
+};
+
 /// The faster of both ways, by planning both.
 struct RoughChoice {
   RoughWay way = RoughWay::kLevels;
   ToolPath path;
   RestMaterial rest;
+  RoughCutting cutting;
   double levels_minutes = 0, layers_minutes = 0;
 };
 RoughChoice plan_faster_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill, RoughOptions options,

@@ -40,13 +40,15 @@ struct OwnStock {
     double deepest = 0;
     double core = 0;
     double width = 0;
+    double against_mm = 0;  ///< way on which clearly more of it lies to the left than to the right: not climb milling
+    double cut_mm = 0;      ///< way in material
   };
   /// Removes along a move.
   Engagement sweep(const Vec3& a, const Vec3& b, bool cut) {
     Engagement e;
     const Vec2 along = (b - a).head<2>().norm() > 1e-9 ? Vec2((b - a).head<2>().normalized()) : Vec2(Vec2::Zero());
     const int strip_count = 2 * static_cast<int>(tool.radius_mm() / kPitch) + 3;
-    std::vector<double> met_at(strip_count, -1e9);
+    std::vector<double> met_at(strip_count, -1e9), touched_at(strip_count, -1e9);
     const int steps = 1 + static_cast<int>((b - a).norm() / 0.1);
     for (int k = 0; k <= steps; ++k) {
       const Vec3 p = a + (b - a) * k / steps;
@@ -64,13 +66,19 @@ struct OwnStock {
           double& h = heights.at(i, j);
           e.deepest = std::max(e.deepest, h - z);
           if (d < r / 2) e.core = std::max(e.core, h - z);
-          if (h - z > tool.slot_depth_mm + 0.05) {
-            const double aside = (x(i) - p.x()) * along.y() - (y(j) - p.y()) * along.x();
-            met_at[static_cast<int>(std::floor(aside / kPitch + strip_count / 2.0))] = travelled;
-          }
+          const double aside = (x(i) - p.x()) * along.y() - (y(j) - p.y()) * along.x();
+          const int strip = static_cast<int>(std::floor(aside / kPitch + strip_count / 2.0));
+          if (h - z > tool.slot_depth_mm + 0.05) met_at[strip] = travelled;
+          if (h - z > 0.05) touched_at[strip] = travelled;
           if (cut && z < h) h = z;
         }
       }
+      const auto touched = [&](auto first, auto last) { return std::count_if(first, last, [&](double s) { return s > travelled - 1; }); };
+      const auto middle = touched_at.begin() + strip_count / 2;
+      const auto left = touched(touched_at.begin(), middle), right = touched(middle + 1, touched_at.end());
+      const double way = k > 0 ? (b - a).norm() / steps : 0;
+      if (left + right > 0) e.cut_mm += way;
+      if (left > right + 2) e.against_mm += way;
       e.width = std::max(e.width, kPitch * static_cast<double>(std::count_if(met_at.begin(), met_at.end(), [&](double s) { return s > travelled - 1; })));
     }
     return e;
@@ -147,7 +155,7 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
   OwnStock stock(blank, tool);
   EXPECT_EQ(path.moves.front().kind, MoveKind::kRapid);
   EXPECT_EQ(path.moves.back().kind, MoveKind::kRapid);
-  double deepest = 0, in_air = 0, steepest = 0, widest = 0;
+  double deepest = 0, in_air = 0, steepest = 0, widest = 0, against = 0, in_material = 0;
   for (std::size_t k = 1; k < path.moves.size(); ++k) {
     const Move& m = path.moves[k];
     const Vec3& a = path.moves[k - 1].pose.tip_mm;
@@ -163,7 +171,11 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
       in_air = std::max(in_air, met.deepest);
     else
       deepest = std::max(deepest, met.deepest);
-    if (cut) widest = std::max(widest, met.width);
+    if (cut) {
+      widest = std::max(widest, met.width);
+      against += met.against_mm;
+      in_material += met.cut_mm;
+    }
     // Going down beside the block misses one that stands 0.3 mm over on each side, too.
     const auto beside = [&](double over) {
       return std::hypot(std::max(0.0, std::abs(b.x()) - 19 - over), std::max(0.0, std::abs(b.y()) - 15.5 - over));
@@ -179,6 +191,8 @@ TEST_P(Roughing, NeverCutsBelowTheAllowanceAndLeavesLittle) {
   EXPECT_LE(steepest, 0.05) << "plunge into material";
   EXPECT_LE(deepest, 1.3 * options.stepdown_mm + kDepthToleranceMm) << "cut deeper than a level and what the one above left";
   EXPECT_LE(widest, options.stepover_mm + kEngagementToleranceMm) << "engaged wider than the stepover";
+
+  EXPECT_LE(against, 0.2 * in_material) << "not climb milling: " << against << " of " << in_material << " mm";
 
   // What stays, against the stated bound.
   double most = 0;
@@ -273,14 +287,18 @@ TEST(RoughingChoice, TakesTheFasterWayAndSaysBothTimes) {
 
 TEST(RoughingRest, IsWhatTheCutterLeavesAndTellsHowDeepTheNextOneCuts) {
   // Steps of a dome: the rest against a stock that is swept by the test, and the ball's deepest cut against both.
-  const auto s = spline_of(Box2::centred({36, 30}), 90, 75, dome);
-  const Blank blank{{38, 31}, s.highest() + 1};
+  const auto s = spline_of(Box2::centred({20, 16}), 50, 40, dome);
+  const Blank blank{{22, 17}, s.highest() + 1};
   const RoughChoice plan = plan_faster_roughing(s, blank, mill(), {});
   OwnStock stock(blank, mill());
+  double against = 0, in_material = 0;
   for (std::size_t k = 1; k < plan.path.moves.size(); ++k) {
     const MoveKind kind = plan.path.moves[k].kind;
-    stock.sweep(plan.path.moves[k - 1].pose.tip_mm, plan.path.moves[k].pose.tip_mm, kind == MoveKind::kCut || kind == MoveKind::kPlunge);
+    const auto met = stock.sweep(plan.path.moves[k - 1].pose.tip_mm, plan.path.moves[k].pose.tip_mm, kind == MoveKind::kCut || kind == MoveKind::kPlunge);
+    against += met.against_mm;
+    in_material += met.cut_mm;
   }
+  EXPECT_NEAR(plan.cutting.conventional_share(), against / in_material, 0.1);
   const Grid<float>& rest = plan.rest.heights_mm;
   const Vec2 pitch = plan.rest.extent.size().cwiseQuotient(Vec2(rest.width - 1, rest.height - 1));
   for (int j = 1; j < stock.ny; j += 3) {
