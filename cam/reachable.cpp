@@ -1,5 +1,6 @@
 #include "cam/reachable.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -558,6 +559,29 @@ ReachableSurface reachable_surface(const SplineSurface& surface, double ball_rad
   sum_up(result);
   monitor.report("reachable surface done", 1);
   return result;
+}
+
+Grid<float> residue_normals_mrad(const ReachableSurface& reachable) {
+  const Grid<float>& residue = reachable.residue_um;
+  const int nx = residue.width, ny = residue.height;
+  Grid<float> angles(nx, ny, 0);
+  for (int j = 0; j < ny; ++j) {
+    const int south = std::max(0, j - 1), north = std::min(ny - 1, j + 1);
+    for (int i = 0; i < nx; ++i) {
+      if (residue.at(i, j) <= 0) continue;
+      const int west = std::max(0, i - 1), east = std::min(nx - 1, i + 1);
+      const Vec2 way = reachable.pitch_mm * Vec2(std::max(1, east - west), std::max(1, north - south));
+      const auto slope = [&](const auto& height_mm) -> Vec2 {
+        return Vec2(height_mm(east, j) - height_mm(west, j), height_mm(i, north) - height_mm(i, south)).cwiseQuotient(way);
+      };
+      const Vec2 closing = slope([&](int a, int b) { return static_cast<double>(reachable.closing_mm.at(a, b)); });
+      const Vec2 left = slope([&](int a, int b) { return 1e-3 * residue.at(a, b); });
+      const Vec3 one = Vec3(-closing.x(), -closing.y(), 1).normalized();
+      const Vec3 other = Vec3(left.x() - closing.x(), left.y() - closing.y(), 1).normalized();
+      angles.at(i, j) = static_cast<float>(1e3 * std::asin(std::min(1.0, one.cross(other).norm())));
+    }
+  }
+  return angles;
 }
 
 ReachableSurface within(ReachableSurface reachable, const Outline& outline) {

@@ -24,4 +24,8 @@ ReachableSurface reachable_surface(const SplineSurface& surface, double ball_rad
 /// The same with nothing out of reach outside the outline: no residue there, area and highest residue without it.
 ReachableSurface within(ReachableSurface reachable, const Outline& outline);
 
+/// Angle between the normals of the closing and of the design, which the light sees; 0 where the ball reaches. From differences
+/// between the nodes.
+Grid<float> residue_normals_mrad(const ReachableSurface& reachable);
+
 }  // namespace lightmill

@@ -126,4 +126,12 @@ double SplineSurface::highest() const {
   return extreme(*this, std::greater<>());
 }
 
+double hollow_curvature(const SplineSurface::Sample& s) {
+  // Of a height field: H + sqrt(H^2 - K).
+  const double g = 1 + s.hx * s.hx + s.hy * s.hy;
+  const double gauss = (s.hxx * s.hyy - s.hxy * s.hxy) / (g * g);
+  const double mean = ((1 + s.hy * s.hy) * s.hxx - 2 * s.hx * s.hy * s.hxy + (1 + s.hx * s.hx) * s.hyy) / (2 * g * std::sqrt(g));
+  return mean + std::sqrt(std::max(0.0, mean * mean - gauss));
+}
+
 }  // namespace lightmill

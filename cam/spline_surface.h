@@ -58,6 +58,9 @@ class SplineSurface {
   Grid<double> padded_;
 };
 
+/// The larger principal curvature of the height field there, 1/mm: above 0 where it is hollow.
+double hollow_curvature(const SplineSurface::Sample& s);
+
 /// How well a spline follows the mesh, off the creases and over all. A vertex counts as crease when the mesh's slopes
 /// jump by more than about 0.16 at it or at most two edges away (slopes within two edges off a quadratic by 0.04).
 struct SplineFitSummary {

@@ -155,6 +155,12 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   constexpr int kHeightPixels = 800;
   write_height_picture(folder.file("cam/surface.png"), sample_heights(surface, kHeightPixels), extent.size().maxCoeff() / kHeightPixels);
   write_deviation_picture(folder.file("cam/unreachable.png"), reachable.residue_um, std::max(1.0, std::ceil(reachable.max_residue_um)));
+  const Grid<float> normals_left = residue_normals_mrad(reachable);
+  write_deviation_picture(folder.file("cam/unreachable_normals.png"), normals_left,
+                          std::max(1.0, std::ceil(static_cast<double>(*std::max_element(normals_left.values.begin(), normals_left.values.end())))), "mrad");
+  const double ball_mm = job.finish.cutter.radius_mm();
+  write_deviation_picture(folder.file("cam/hollows.png"),
+                          sample_surface(surface, kHeightPixels, [&](const SplineSurface::Sample& s) { return ball_mm * hollow_curvature(s); }), 1, "ball");
 
   const FitErrors errors = fit_errors(mesh, surface);
   const double height_range_um = std::max(0.5, std::ceil(4 * fit.summary.rms_deviation_um));
@@ -165,7 +171,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
                           std::max(0.1, std::ceil(3 * fit.summary.rms_normal_deviation_urad) / 1000), "mrad");
 
   StageResult result;
-  result.files = {"cam/caustic_reachable.png", "cam/fit_height.png", "cam/fit_normal.png", "cam/spline.bin", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "cam/surface.png", "cam/unreachable.png"};
+  result.files = {"cam/caustic_reachable.png", "cam/fit_height.png", "cam/fit_normal.png", "cam/spline.bin", "cam/lens.step", "cam/stock.step", "cam/toolpaths.bin", "cam/surface.png", "cam/unreachable.png", "cam/unreachable_normals.png", "cam/hollows.png"};
   if (job.mesh_tolerance_mm > 0) result.files.insert(result.files.end(), {"cam/lens.stl", "cam/lens.3mf"});
   const double rapid = read_machine(job.machine.file).x.max_speed_mm_per_s;
   json& cam = result.report["cam"];
@@ -182,10 +188,12 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
                                  {"slowest_m_per_min", contact.slowest_m_per_min},
                                  {"fastest_m_per_min", contact.fastest_m_per_min},
                                  {"least_diameter_mm", contact.least_diameter_mm},
-                                 {"most_diameter_mm", contact.most_diameter_mm}};
+                                 {"most_diameter_mm", contact.most_diameter_mm},
+                                 {"climb_share", contact.climb_share}};
   }
   cam["finish"]["blur_mm"] = blur_on_screen_mm(job.finish.cutter.radius_mm(), job.finish.options.cusp_um, job.receiver.distance_mm,
                                                job.lens.refractive_index, job.dry_run.polish_sigma_um / 1000);
+  cam["rough"]["conventional_share"] = rough.cutting.conventional_share();
   cam["rough"]["strategy"] = rough.way == RoughWay::kLayers ? "layers" : "levels";
   cam["semi_finish"]["deepest_cut_mm"] = deepest_mm;
   cam["rough"]["levels_minutes"] = rough.levels_minutes;

@@ -34,17 +34,20 @@ Grid<float> rasterise_heights(const SurfaceMesh& mesh, const Box2& extent, int p
 }
 
 Grid<float> sample_heights(const SplineSurface& surface, int pixels) {
+  return sample_surface(surface, pixels, [](const SplineSurface::Sample& s) { return s.h; });
+}
+
+Grid<float> sample_surface(const SplineSurface& surface, int pixels, const std::function<double(const SplineSurface::Sample&)>& value) {
   const Box2& extent = surface.extent();
   const double pixel_mm = extent.size().maxCoeff() / pixels;
-  Grid<float> heights(std::max(1, static_cast<int>(std::lround(extent.size().x() / pixel_mm))),
-                      std::max(1, static_cast<int>(std::lround(extent.size().y() / pixel_mm))));
-  for (int y = 0; y < heights.height; ++y) {
-    for (int x = 0; x < heights.width; ++x) {
-      heights.at(x, y) = static_cast<float>(
-          surface.height(extent.min.x() + (x + 0.5) * pixel_mm, extent.min.y() + (y + 0.5) * pixel_mm));
+  Grid<float> values(std::max(1, static_cast<int>(std::lround(extent.size().x() / pixel_mm))),
+                     std::max(1, static_cast<int>(std::lround(extent.size().y() / pixel_mm))));
+  for (int y = 0; y < values.height; ++y) {
+    for (int x = 0; x < values.width; ++x) {
+      values.at(x, y) = static_cast<float>(value(surface.sample(extent.min.x() + (x + 0.5) * pixel_mm, extent.min.y() + (y + 0.5) * pixel_mm)));
     }
   }
-  return heights;
+  return values;
 }
 
 void write_height_picture(const std::filesystem::path& path, const Grid<float>& heights_mm, double pixel_mm) {

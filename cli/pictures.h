@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 
 #include "cam/blank.h"
 #include "cam/spline_surface.h"
@@ -16,8 +17,9 @@ namespace lightmill {
 /// Values of a mesh's vertices, linear in between, over `extent`; NaN where no triangle is.
 Grid<float> rasterise_values(const SurfaceMesh& mesh, const std::vector<double>& values, const Box2& extent, int pixels);
 Grid<float> rasterise_heights(const SurfaceMesh& mesh, const Box2& extent, int pixels_along_longer_side);
-/// Heights of the spline at the centres of a grid over its extent.
+/// Heights of the spline, or anything that follows from it, at the centres of a grid over its extent.
 Grid<float> sample_heights(const SplineSurface& surface, int pixels_along_longer_side);
+Grid<float> sample_surface(const SplineSurface& surface, int pixels_along_longer_side, const std::function<double(const SplineSurface::Sample&)>& value);
 
 /// Height as colour, slope as shade, with a scale in mm.
 void write_height_picture(const std::filesystem::path& path, const Grid<float>& heights_mm, double pixel_mm);

@@ -266,6 +266,8 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   html += picture(folder, "cam/fit_normal.png", "Spline against mesh, normals", "angle at the vertices, which the light sees");
   html += picture(folder, "cam/caustic_reachable.png", "Light through what the ball reaches", caustic_caption(report, "/cam/reachable/caustic"), true);
   html += picture(folder, "cam/unreachable.png", "Out of the ball's reach", "what an ideal finishing ball leaves standing");
+  html += picture(folder, "cam/unreachable_normals.png", "Normals out of the ball's reach", "by how much they are off there, which the light sees");
+  html += picture(folder, "cam/hollows.png", "Hollows against the ball", "curvature across the hollows: full red is the ball's own radius or a smaller one, blue bulges every way");
   html += "</div>\n";
   if (report.contains("/cam/creases"_json_pointer)) {
     html += "<h2>What the ball's radius leaves</h2>\n<p class=soft>Hollow creases that the finishing ball does not reach into, the longest ten: where they run on the lens, "
@@ -308,6 +310,8 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/cam/creases/light_lost_share", "light through their fillets", "%", 2, {}, 100);
   figures.row("/cam/creases/rest/highest_before_um", "left in creases by the finishing ball", "µm", 1);
   figures.row("/cam/creases/rest/highest_after_um", "left in creases after the rest pass", "µm", 1);
+  figures.row("/cam/rough/conventional_share", "roughing against the feed (not climb milling)", "%", 1, {}, 100);
+  figures.row("/cam/finish/contact/climb_share", "finishing with climb milling", "%", 0, {}, 100);
   figures.row("/cam/rough/levels_minutes", "roughing by levels", "min", 1);
   figures.row("/cam/rough/layers_minutes", "roughing by layers over the surface", "min", 1);
   figures.group("Programs");

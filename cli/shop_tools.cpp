@@ -149,6 +149,7 @@ int check_machinability(const Job& job, const RunFolder& folder) {
   Vec2 steepest_place = Vec2::Zero();
   double most_concave = 0;  // curvature, 1/mm, positive where the surface is hollow
   Vec2 concave_place = Vec2::Zero();
+  double sharper_mm2 = 0;  // than the ball
   for (double y = surface.extent().min.y() + pitch / 2; y < surface.extent().max.y(); y += pitch) {
     for (double x = surface.extent().min.x() + pitch / 2; x < surface.extent().max.x(); x += pitch) {
       if (!lens.contains({x, y})) continue;
@@ -158,11 +159,8 @@ int check_machinability(const Job& job, const RunFolder& folder) {
         steepest = slope;
         steepest_place = {x, y};
       }
-      // Principal curvatures of a height field: H +- sqrt(H^2 - K).
-      const double g = 1 + s.hx * s.hx + s.hy * s.hy;
-      const double gauss = (s.hxx * s.hyy - s.hxy * s.hxy) / (g * g);
-      const double mean = ((1 + s.hy * s.hy) * s.hxx - 2 * s.hx * s.hy * s.hxy + (1 + s.hx * s.hx) * s.hyy) / (2 * g * std::sqrt(g));
-      const double concave = mean + std::sqrt(std::max(0.0, mean * mean - gauss));
+      const double concave = hollow_curvature(s);
+      if (concave * ball > 1) sharper_mm2 += pitch * pitch;
       if (concave > most_concave) {
         most_concave = concave;
         concave_place = {x, y};
@@ -176,6 +174,7 @@ int check_machinability(const Job& job, const RunFolder& folder) {
   if (most_concave > 0) {
     std::printf("tightest hollow   radius %s mm at %s (finishing ball: %s mm)\n", fixed(1 / most_concave, 2).c_str(),
                 place(concave_place).c_str(), compact(ball, 3).c_str());
+    std::printf("sharper hollows   %s mm2 (%s %%) with a radius below the ball's\n", fixed(sharper_mm2, 1).c_str(), fixed(100 * sharper_mm2 / outline.area_mm2(), 2).c_str());
   } else {
     std::printf("tightest hollow   none, the surface is convex\n");
   }

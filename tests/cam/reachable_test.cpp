@@ -60,6 +60,17 @@ TEST(Reachable, CapsAndWideBowlsAreReachedEverywhere) {
   EXPECT_GT(reachable_surface(spline_of(extent, 0.1, cap(-1.8)), 2, 0.05).max_residue_um, 1);
 }
 
+TEST(HollowCurvature, OfBowlsSaddlesAndHillsIsTheTightestHollowsOwn) {
+  const auto quadric = [](double kx, double ky) { return SplineSurface::Sample{10, 0, 0, kx, 0, ky}; };
+  EXPECT_DOUBLE_EQ(hollow_curvature(quadric(0.2, 0.1)), 0.2);
+  EXPECT_DOUBLE_EQ(hollow_curvature(quadric(-0.3, 0.1)), 0.1);
+  EXPECT_DOUBLE_EQ(hollow_curvature(quadric(-0.3, -0.1)), -0.1);
+  // A sphere's, anywhere on it.
+  const double x = 3, y = -2, rho = 9, w = std::sqrt(rho * rho - x * x - y * y);
+  const SplineSurface::Sample s{0, x / w, y / w, 1 / w + x * x / (w * w * w), x * y / (w * w * w), 1 / w + y * y / (w * w * w)};
+  EXPECT_NEAR(hollow_curvature(s), 1 / rho, 1e-7);
+}
+
 TEST(Reachable, ABallOnAHoleRestsOnItsRim) {
   // A bowl of radius 1 in a plane: the ball of radius 2 cannot enter, and what it leaves is the sphere through the rim.
   const Box2 extent{{-1.2, -1.2}, {1.2, 1.2}};
@@ -88,21 +99,28 @@ TEST(Reachable, AValleyKeepsAFillet) {
   // Straight across y: leftover R (1 / cos(a / 2) - 1), width 2 R tan(a / 2).
   for (const double radius : {2.0, 0.5}) {
     for (const double jump : {0.1, 0.3, 0.5}) {
-      const Box2 extent{{-1.03, -0.4}, {0.97, 0.5}};
+      const Box2 extent{{-1.03, -0.15}, {0.97, 0.2}};
       const double t = std::tan(jump / 2);
       const SplineSurface surface = spline_of(extent, 0.01, [&](double x, double) { return 10 + t * std::abs(x); });
       const ReachableSurface r = reachable_surface(surface, radius, 0.01);
       const double half = radius * std::sin(jump / 2);  // of the touching lines, seen from above
+      const Grid<float> normals = residue_normals_mrad(r);
       double worst_um = 0, most_um = 0, width = 0;
       for (int i = 0; i < r.closing_mm.width; ++i) {
-        const double x = node(r, i, 40).x();
+        const double x = node(r, i, 15).x();
         const double truth = std::abs(x) < half ? 10 + radius / std::cos(jump / 2) - std::sqrt(radius * radius - x * x)
                                                 : 10 + t * std::abs(x);
         if (std::abs(x) > 0.03 || half > 0.03) {
-          worst_um = std::max(worst_um, 1e3 * std::abs(r.closing_mm.at(i, 40) - truth));
+          worst_um = std::max(worst_um, 1e3 * std::abs(r.closing_mm.at(i, 15) - truth));
         }
-        if (std::abs(x) < 0.005) most_um = 1e3 * (r.closing_mm.at(i, 40) - 10.0);
-        if (r.residue_um.at(i, 40) > r.threshold_um) width += r.pitch_mm;
+        if (std::abs(x) < 0.005) most_um = 1e3 * (r.closing_mm.at(i, 15) - 10.0);
+        if (r.residue_um.at(i, 15) > r.threshold_um) width += r.pitch_mm;
+        // The fillet's normal turns evenly from flank to flank; differences span two pitches.
+        if (std::abs(x) > 0.03 && std::abs(x) < half - 0.03) {
+          EXPECT_NEAR(normals.at(i, 15), 1e3 * (jump / 2 - std::asin(std::abs(x) / radius)), 5) << "R " << radius << " a " << jump << " x " << x;
+        } else if (std::abs(x) > half + 0.03) {
+          EXPECT_EQ(normals.at(i, 15), 0);
+        }
       }
       EXPECT_LT(worst_um, kPromiseUm) << "R " << radius << " a " << jump;
       EXPECT_NEAR(most_um, 1e3 * radius * (1 / std::cos(jump / 2) - 1), kPromiseUm + 0.03);
