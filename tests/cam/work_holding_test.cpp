@@ -79,13 +79,13 @@ TEST(WorkHolding, AnyPartOfTheToolCountsOnAnyMove) {
 
 TEST(WorkHolding, RoughingGoesAroundClampsOnTheBlank) {
   // The blank is 14 mm larger all around than the lens: room for the mill between lens and clamps.
-  const auto s = spline_of(Box2::centred({30, 26}), 30, 30, [](double x, double y) { return 14 + 0.4 * std::sin(x / 4) * std::cos(y / 5); });
+  const auto s = spline_of(Box2::centred({12, 10}), 20, 20, [](double x, double y) { return 14 + 0.4 * std::sin(x / 4) * std::cos(y / 5); });
   const Cutter mill = test::cutter("rough_10mm");
-  Blank blank{{58, 54}, s.highest() + 0.6};
+  Blank blank{{40, 38}, s.highest() + 0.6};
   const ToolPath free = plan_roughing(s, blank, mill, {});
-  for (const double y : {-14.0, 12.0}) {
-    blank.keep_outs.push_back({{-60, y, 0}, {-26.5, y + 8, 27}});
-    blank.keep_outs.push_back({{26.5, y, 0}, {60, y + 8, 27}});
+  for (const double y : {-10.0, 6.0}) {
+    blank.keep_outs.push_back({{-60, y, 0}, {-17.5, y + 4, 27}});
+    blank.keep_outs.push_back({{17.5, y, 0}, {60, y + 4, 27}});
   }
   EXPECT_NE(refusal([&] { refuse_contact(free, blank.keep_outs); }), "planned") << "a plan that does not know of them runs into them";
   const ToolPath around = plan_roughing(s, blank, mill, {});  // which looks at its own path
