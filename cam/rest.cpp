@@ -12,6 +12,7 @@ namespace {
 constexpr double kLegMm = 0.3;
 constexpr double kSmoothMm = 0.5;        ///< to either side
 constexpr double kShareOfStepover = 0.85;  ///< flanks bend, and lines beside a bent one are not evenly apart
+constexpr double kTightestShare = 0.75;  ///< of a hollow's radius: a ball that fits more tightly covers it by few lines
 constexpr double kBeyondMm = 0.05;       ///< the fillet's border, so that the ball meets what finishing has cut
 constexpr double kOverEndMm = 0.5;         ///< and twice the half width, for borders that cut a fillet off at a slant
 constexpr double kShortestMm = 0.5;      ///< a shorter stretch is not worth its landing
@@ -50,6 +51,23 @@ std::vector<Station> stations(const Crease& crease) {
   result.insert(result.begin(), before.rbegin(), before.rend());
   result.insert(result.end(), after.begin(), after.end());
   return result;
+}
+
+/// Between lines. Along a flank of angle a / 2 to the level a stepover is seen shorter from above, and in a hollow of radius rho the
+/// contacts move faster than the centres: s^2 = 8 h R (rho - R) / rho, here by the tightest one that the ball reaches into.
+double spacing_along(const SplineSurface& surface, const Crease& crease, double radius, double cusp_mm) {
+  double tightest = 0;  // R / rho
+  for (std::size_t m = 0; m < crease.line_mm.size(); ++m) {
+    const double beside = crease.half_width_mm[m] / 2;
+    for (int v = -1; v <= 1; ++v) {
+      for (int u = -1; u <= 1; ++u) {
+        const Vec2 p = crease.line_mm[m] + beside * Vec2(u, v);
+        const double share = radius * hollow_curvature(surface.sample(p.x(), p.y()));
+        if (share < 1) tightest = std::max(tightest, std::min(share, kTightestShare));
+      }
+    }
+  }
+  return kShareOfStepover * detail::flat_stepover_mm(radius, cusp_mm) * std::cos(crease.most_angle_rad / 2) * std::sqrt(1 - tightest);
 }
 
 /// Lines beside the crease, `spacing` apart, each as long as the fillet is so wide; from one side to the other. They end one place
@@ -147,9 +165,7 @@ RestPlan plan_rest(const SplineSurface& surface, const Blank& blank, const Cutte
   wanted.min -= Vec2::Constant(kOverEndMm);
   wanted.max += Vec2::Constant(kOverEndMm);
   for (const Crease& crease : creases) {
-    // Along a flank of angle a / 2 to the level a stepover is seen shorter from above.
-    const double spacing = kShareOfStepover * detail::flat_stepover_mm(ball.radius_mm(), cusp_mm) * std::cos(crease.most_angle_rad / 2);
-    add_lines(stations(crease), spacing, wanted, lines);
+    add_lines(stations(crease), spacing_along(surface, crease, ball.radius_mm(), cusp_mm), wanted, lines);
   }
   plan.ways = lines.size();
   plan.path.pass = options.pass;

@@ -203,6 +203,26 @@ TEST(Chain, ADiskWithALandIsMilledAndCutOut) {
   for (const char* kind : {"tabs", "feed"}) EXPECT_TRUE(fs::exists(fs::path(run) / first[kind]["picture"].get<std::string>())) << kind;
 }
 
+TEST(Chain, ARestPassTakesWhatTheFinishingBallLeavesInACrease) {
+  const ScratchFolder scratch;
+  const std::string run = (scratch / "run").string();
+  // Two points of light ask for two domes that meet in a valley, which the border cuts off at a slant.
+  spill(scratch / "two.svg", R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 12 10"><circle class="point" cx="3" cy="6" r="0.5"/><circle class="point" cx="9.5" cy="4" r="0.5"/></svg>)");
+  std::string text = replaced(slurp(tiny_job(scratch)), "image = \"" + fixture("pictures/tiny.png").string() + "\"", "drawing = \"" + (scratch / "two.svg").string() + "\"");
+  text = replaced(text, "mesh = 33", "mesh = 65");
+  text = replaced(text, "distance_mm = 80", "distance_mm = 60");
+  spill(scratch / "two.toml", text + "\n[rest]\ncutter = \"" + fixture("cutters/rest_1mm_ball.toml").string() + "\"\n");
+  const CommandResult made = lightmill_command({"make", (scratch / "two.toml").string(), "-o", run});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_TRUE(fs::exists(run + "/program/35_rest.nc"));
+  const json report = report_of(run);
+  EXPECT_EQ(report.at("/dry_run/faults"_json_pointer), 0);
+  EXPECT_GT(report.at("/cam/creases/rest/highest_before_um"_json_pointer), 8);
+  // The small ball fits everywhere: nothing above the 4 um of its cusps stays, planned or milled.
+  EXPECT_LT(report.at("/cam/creases/rest/highest_after_um"_json_pointer), 4);
+  EXPECT_LT(report.at("/dry_run/residue_um"_json_pointer), 4.5);
+}
+
 TEST(Chain, ZigZagAndSpiralAreMilledWithoutAFault) {
   const ScratchFolder scratch;
   const std::string run = (scratch / "run").string();
