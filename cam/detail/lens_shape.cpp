@@ -32,12 +32,16 @@
 #include <cmath>
 #include <vector>
 
+#include "cam/detail/spline_refinement.h"
+
 namespace lightmill::detail {
 
 namespace {
 
 // Spans of one tile: one face of 640 spans takes FreeCAD 106 s to tessellate, tiles of 80 take 4.6 s.
 constexpr int kTileSpans = 80;
+// Coefficients of a tile that differ by less from those of a surface of half as many spans are rounding.
+constexpr double kSameMm = 1e-11;
 // An outline's places where it turns by more than this, and pieces longer than this, are corners and straight walls.
 constexpr double kCornerRad = 0.25;
 constexpr double kStraightMm = 3;
@@ -65,7 +69,8 @@ struct Axis {
 
   Axis(double from, double to, int count) : from_mm(from), to_mm(to), spans(count) {
     const int tiles = std::max(1, static_cast<int>(std::lround(static_cast<double>(count) / kTileSpans)));
-    for (int t = 0; t <= tiles; ++t) borders.push_back(static_cast<int>(static_cast<long>(count) * t / tiles));
+    const int unit = count % 2 == 0 ? 2 : 1;  // spans of twice the size fit an even tile
+    for (int t = 0; t <= tiles; ++t) borders.push_back(unit * static_cast<int>(static_cast<long>(count / unit) * t / tiles));
   }
   [[nodiscard]] int tiles() const { return static_cast<int>(borders.size()) - 1; }
   [[nodiscard]] double knot_mm(int span) const {
@@ -73,23 +78,25 @@ struct Axis {
   }
   [[nodiscard]] double border_mm(int border) const { return knot_mm(borders[border]); }
 
-  /// Knots of a tile; the parameter is the coordinate itself.
-  [[nodiscard]] TColStd_Array1OfReal knots(int tile) const {
-    TColStd_Array1OfReal result(1, borders[tile + 1] - borders[tile] + 1);
-    for (int k = 1; k <= result.Upper(); ++k) result(k) = knot_mm(borders[tile] + k - 1);
+  [[nodiscard]] int tile_spans(int tile) const { return borders[tile + 1] - borders[tile]; }
+
+  /// Knots of a tile, every `stride`th; the parameter is the coordinate itself.
+  [[nodiscard]] TColStd_Array1OfReal knots(int tile, int stride) const {
+    TColStd_Array1OfReal result(1, tile_spans(tile) / stride + 1);
+    for (int k = 1; k <= result.Upper(); ++k) result(k) = knot_mm(borders[tile] + (k - 1) * stride);
     return result;
   }
-  [[nodiscard]] TColStd_Array1OfInteger multiplicities(int tile) const {
-    TColStd_Array1OfInteger result(1, borders[tile + 1] - borders[tile] + 1);
+  [[nodiscard]] TColStd_Array1OfInteger multiplicities(int tile, int stride) const {
+    TColStd_Array1OfInteger result(1, tile_spans(tile) / stride + 1);
     result.Init(1);
     result(1) = result(result.Upper()) = 4;
     return result;
   }
   /// The coordinate of every pole (Greville abscissae of the clamped knots).
-  [[nodiscard]] std::vector<double> pole_mm(int tile) const {
+  [[nodiscard]] std::vector<double> pole_mm(int tile, int stride) const {
     const int first = borders[tile], last = borders[tile + 1];
-    const auto knot = [&](int k) { return knot_mm(std::clamp(first + k, first, last)); };
-    std::vector<double> result(last - first + 3);
+    const auto knot = [&](int k) { return knot_mm(std::clamp(first + k * stride, first, last)); };
+    std::vector<double> result(tile_spans(tile) / stride + 3);
     for (int i = 0; i < static_cast<int>(result.size()); ++i) result[i] = (knot(i - 2) + knot(i - 1) + knot(i)) / 3;
     result.front() = knot_mm(first);
     result.back() = knot_mm(last);
@@ -135,27 +142,34 @@ class LensBuilder {
   void make_tiles() {
     tiles_.resize(static_cast<std::size_t>(x_.tiles()) * y_.tiles());
     for (int tj = 0; tj < y_.tiles(); ++tj) {
-      const int spans_y = y_.borders[tj + 1] - y_.borders[tj];
-      const std::vector<double> pole_y = y_.pole_mm(tj);
-      for (int ti = 0; ti < x_.tiles(); ++ti) {
-        const int spans_x = x_.borders[ti + 1] - x_.borders[ti];
-        const std::vector<double> pole_x = x_.pole_mm(ti);
-        // Clamp along x, then along y.
-        Grid<double> along_x(spans_x + 3, spans_y + 3);
-        for (int j = 0; j < along_x.height; ++j) {
-          const auto row = clamped_poles(
-              spans_x, [&](int i) { return surface_.coefficients().at(x_.borders[ti] + i, y_.borders[tj] + j); });
-          std::copy(row.begin(), row.end(), &along_x.at(0, j));
-        }
-        TColgp_Array2OfPnt poles(1, spans_x + 3, 1, spans_y + 3);
-        for (int i = 0; i < along_x.width; ++i) {
-          const auto column = clamped_poles(spans_y, [&](int j) { return along_x.at(i, j); });
-          for (int j = 0; j < along_x.height; ++j) poles(i + 1, j + 1) = gp_Pnt(pole_x[i], pole_y[j], column[j]);
-        }
-        tiles_[static_cast<std::size_t>(tj) * x_.tiles() + ti] = new Geom_BSplineSurface(
-            poles, x_.knots(ti), y_.knots(tj), x_.multiplicities(ti), y_.multiplicities(tj), 3, 3);
-      }
+      for (int ti = 0; ti < x_.tiles(); ++ti) tiles_[static_cast<std::size_t>(tj) * x_.tiles() + ti] = make_tile(ti, tj);
     }
+  }
+
+  [[nodiscard]] Handle(Geom_BSplineSurface) make_tile(int ti, int tj) const {
+    Grid<double> coefficients(x_.tile_spans(ti) + 3, y_.tile_spans(tj) + 3);
+    for (int j = 0; j < coefficients.height; ++j) {
+      for (int i = 0; i < coefficients.width; ++i) coefficients.at(i, j) = surface_.coefficients().at(x_.borders[ti] + i, y_.borders[tj] + j);
+    }
+    // Where the fit went without finer spans, the file does, too: a quarter of the poles for the very same surface, its edges included.
+    int stride = 1;
+    if (auto fewer = with_spans_doubled(coefficients, kSameMm)) {
+      coefficients = std::move(*fewer);
+      stride = 2;
+    }
+    // Clamp along x, then along y.
+    for (int j = 0; j < coefficients.height; ++j) {
+      const auto row = clamped_poles(coefficients.width - 3, [&](int i) { return coefficients.at(i, j); });
+      std::copy(row.begin(), row.end(), &coefficients.at(0, j));
+    }
+    const std::vector<double> pole_x = x_.pole_mm(ti, stride), pole_y = y_.pole_mm(tj, stride);
+    TColgp_Array2OfPnt poles(1, coefficients.width, 1, coefficients.height);
+    for (int i = 0; i < coefficients.width; ++i) {
+      const auto column = clamped_poles(coefficients.height - 3, [&](int j) { return coefficients.at(i, j); });
+      for (int j = 0; j < coefficients.height; ++j) poles(i + 1, j + 1) = gp_Pnt(pole_x[i], pole_y[j], column[j]);
+    }
+    return new Geom_BSplineSurface(poles, x_.knots(ti, stride), y_.knots(tj, stride), x_.multiplicities(ti, stride),
+                                   y_.multiplicities(tj, stride), 3, 3);
   }
 
   [[nodiscard]] const Handle(Geom_BSplineSurface) & tile(int i, int j) const {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <string>
 
+#include "cam/detail/spline_refinement.h"
 #include "design/core/files.h"
 
 namespace lightmill {
@@ -96,6 +97,31 @@ TEST_F(Solid, TilesShareTheirEdges) {
   EXPECT_EQ(count(text, "PRODUCT('two tiles','two tiles'"), 1);
   EXPECT_EQ(count(text, "SI_UNIT(.MILLI.,.METRE.)"), 1);
   EXPECT_EQ(count(text, "'AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF"), 1);
+}
+
+TEST_F(Solid, TilesOfDifferentSpansShareTheirEdges) {
+  // 160 x 80 spans in two tiles; only the right one needs them, the left one is as well on half as many.
+  Grid<double> coarse = paraboloid(kExtent, 80, 40, 12, -0.002, 0.001, 0.0015).coefficients();
+  for (int j = 0; j < coarse.height; ++j) {
+    for (int i = 0; i < coarse.width; ++i) coarse.at(i, j) += 0.2 * std::sin(0.6 * i) * std::cos(0.4 * j);
+  }
+  Grid<double> c = detail::with_spans_halved(coarse);
+  const SplineSurface even(kExtent, 160, 80, c);
+  for (int j = 0; j < c.height; ++j) {
+    for (int i = 85; i < c.width; ++i) c.at(i, j) += 0.05 * std::abs(i - 110 - j);
+  }
+  const SplineSurface surface(kExtent, 160, 80, c);
+  const SolidSummary summary = write_lens_step(folder_ / "lens.step", surface, {.product_name = "two tiles"});
+  EXPECT_TRUE(summary.valid);
+  EXPECT_EQ(summary.faces, 2 + 5);
+  EXPECT_EQ(summary.free_edges, 0);
+  EXPECT_NEAR(summary.volume_mm3 / surface.volume_mm3(), 1, 1e-6);
+  EXPECT_LT(summary.max_deviation_um, 1e-6);
+  // Poles of 83 x 83 and 43 x 43 in a fourth of the room; edges and vertices come to a few hundred.
+  const int points = count(read_whole(folder_ / "lens.step"), "CARTESIAN_POINT");
+  EXPECT_NEAR(points, 83 * 83 + 43 * 43, 700);
+  write_lens_step(folder_ / "even.step", even, {.product_name = "two tiles"});
+  EXPECT_NEAR(count(read_whole(folder_ / "even.step"), "CARTESIAN_POINT"), 2 * 43 * 43, 500);
 }
 
 TEST_F(Solid, ASphericalCapHasItsVolume) {
