@@ -68,7 +68,14 @@ struct SplineFitSummary {
   double max_deviation_um = 0;           ///< everywhere
   double rms_normal_deviation_urad = 0;  ///< against vertex normals, away from creases and off the mesh's border
   double crease_share = 0;               ///< share of vertices counted as crease
+  double crease_width_mm = 0;            ///< two spans, within which the surface goes over from one side of a crease to the other
   double seconds = 0;
+};
+
+struct SplineFitOptions {
+  /// Around creases, spans of half a mesh edge where the whole surface then has at most 650 along x or y: they become half as
+  /// wide, and sharper hollows take the ball longer.
+  bool finer_creases = false;
 };
 
 struct SplineFit {
@@ -84,9 +91,10 @@ struct FitErrors {
 FitErrors fit_errors(const SurfaceMesh& mesh, const SplineSurface& surface);
 
 /// Least squares on vertex heights and normals with one span per mesh edge length; the mesh's vertices may lie
-/// anywhere. From one side of a crease to the other within two edges of it, without ringing beside. Coefficients that no vertex reaches go on as smoothly as a thin plate. Throws InputError for a mesh that
-/// is no height field, NumericalError when the equations cannot be solved.
-SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const Monitor& monitor = {});
+/// anywhere. From one side of a crease to the other within two spans, without ringing beside. Coefficients that no vertex
+/// reaches go on as smoothly as a thin plate. Throws InputError for a mesh that is no height field, NumericalError when the
+/// equations cannot be solved.
+SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const SplineFitOptions& options = {}, const Monitor& monitor = {});
 
 // Evaluation is what every tool path and check spends its time on: it lives here to be inlined.
 

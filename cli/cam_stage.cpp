@@ -77,7 +77,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   const bool cut_out = is_cut_out(job);
   const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
   const Box2 extent = Box2::centred(job.lens.size_mm);
-  const SplineFit fit = fit_spline(mesh, extent, monitor.part(0, 0.1));
+  const SplineFit fit = fit_spline(mesh, extent, job.spline_fit, monitor.part(0, 0.1));
   const SplineSurface surface = faded_outside(fit.surface, outline);
   const Blank blank = blank_of(job, surface);
   write_spline(folder.file("cam/spline.bin"), surface);
@@ -218,6 +218,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
                   {"rms_deviation_um", fit.summary.rms_deviation_um},
                   {"rms_normal_deviation_urad", fit.summary.rms_normal_deviation_urad},
                   {"crease_share", fit.summary.crease_share},
+                  {"crease_width_mm", fit.summary.crease_width_mm},
                   {"face_deviation_um", solid.max_deviation_um},
                   {"seconds", solid.seconds}};
   cam["blank"] = {{"size_mm", {blank.size_mm.x(), blank.size_mm.y()}},

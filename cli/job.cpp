@@ -431,6 +431,7 @@ Job read_table(TomlTable root, const fs::path& folder, Job job) {
   read_profile(root.table("profile"), job);
   read_mount(root.table("mount"), job);
   TomlTable solid = root.table("solid");
+  job.spline_fit.finer_creases = solid.boolean("finer_creases", job.spline_fit.finer_creases);
   job.step_schema = solid.choice("step", "ap242", {"ap242", "ap214"}) == "ap214" ? StepSchema::kAp214 : StepSchema::kAp242;
   job.mesh_tolerance_mm = solid.number_in("mesh_tolerance_mm", job.mesh_tolerance_mm, 0, 10);
   if (job.mesh_tolerance_mm > 0 && job.mesh_tolerance_mm < 0.005) {
@@ -708,6 +709,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
   if (m.label_at_mm) mount.put("label_at_mm", *m.label_at_mm);
   sections["mount"] = mount;
   sections["solid"] = Section()
+                          .put("finer_creases", job.spline_fit.finer_creases)
                           .put("step", job.step_schema == StepSchema::kAp214 ? "ap214" : "ap242")
                           .put("mesh_tolerance_mm", job.mesh_tolerance_mm);
   sections["machine"] = Section()

@@ -133,6 +133,7 @@ struct Job {
   LandSpec land;
   MountOptions mount;                   ///< cut into the land; not milled by the passes
   ProfilePass profile;
+  SplineFitOptions spline_fit;
   StepSchema step_schema = StepSchema::kAp242;
   double mesh_tolerance_mm = 0.05;      ///< of cam/lens.stl and cam/lens.3mf; 0: not written
   MachineSpec machine;

@@ -136,7 +136,7 @@ int doctor() {
 
 int check_machinability(const Job& job, const RunFolder& folder) {
   const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
-  const SplineFit fit = fit_spline(mesh, Box2::centred(job.lens.size_mm));
+  const SplineFit fit = fit_spline(mesh, Box2::centred(job.lens.size_mm), job.spline_fit);
   const Outline outline = outline_of(scene_of(job).lens);
   const SplineSurface surface = faded_outside(fit.surface, outline);
   const OutlineRegion lens(outline, 0);

@@ -85,7 +85,7 @@ int main(int argc, char** argv) {
   say("mesh", through_mesh(mesh));
 
   const double began = cpu_seconds();
-  const SplineFit fit = fit_spline(mesh, Box2::centred(job.lens.size_mm));
+  const SplineFit fit = fit_spline(mesh, Box2::centred(job.lens.size_mm), job.spline_fit);
   std::printf("fitted in %.1f CPU s: spans of %.3f mm, rms %.3f um, normals %.0f urad\n", cpu_seconds() - began, fit.surface.span_mm().x(),
               fit.summary.rms_deviation_um, fit.summary.rms_normal_deviation_urad);
   constexpr double kPitchMm = 0.05;

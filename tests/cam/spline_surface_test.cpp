@@ -6,6 +6,8 @@
 #include <cmath>
 #include <random>
 
+#include "cam/detail/spline_refinement.h"
+
 namespace lightmill {
 namespace {
 
@@ -273,6 +275,62 @@ TEST(FitSpline, GoesOverACreaseWithinTwoEdgesAndDoesNotRing) {
   }
 }
 
+TEST(FitSpline, FinerCreasesBetweenTheNormalsOfTheirSidesAreAnEdgeWide) {
+  // As the design leaves it: every vertex has the normal of its side. Light goes astray where the slope is off by 3 % of the jump.
+  constexpr double kJump = 0.3;
+  const double edge = kPatch.size().x() / kPatchCells;
+  for (const double angle : {0.0, 0.31, kPi / 4}) {
+    const Vec2 normal(std::cos(angle), std::sin(angle));
+    const auto across = [&](double x, double y) { return normal.dot(Vec2(x - 4.05, y - 10)); };
+    const auto slope = [&](double x, double y) { return std::copysign(kJump / 2, across(x, y)); };
+    const auto crease = [&](double x, double y) { return 12 + slope(x, y) * across(x, y); };
+    SurfaceMesh mesh = slid_mesh(kPatch, kPatchCells, 0.3, crease);
+    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+      const Vec2 s = slope(mesh.vertices[v].x(), mesh.vertices[v].y()) * normal;
+      mesh.normals[v] = Vec3(-s.x(), -s.y(), 1).normalized();
+    }
+    const SplineFit fit = fit_spline(mesh, kPatch, {.finer_creases = true});
+    EXPECT_EQ(fit.surface.spans_x(), 2 * kPatchCells);
+    EXPECT_NEAR(fit.summary.crease_width_mm, edge, 1e-9);
+    const double step = 0.05 * edge;
+    double astray_mm2 = 0, length_mm = 0;
+    for (double y = kPatch.min.y() + 3 * edge; y <= kPatch.max.y() - 3 * edge; y += step) {
+      const double at = 4.05 - (y - 10) * std::tan(angle);
+      length_mm += step / std::cos(angle);
+      for (double x = at - 5 * edge / std::cos(angle); x <= at + 5 * edge / std::cos(angle); x += step) {
+        const auto s = fit.surface.sample(x, y);
+        const double off = (Vec2(s.hx, s.hy) - slope(x, y) * normal).norm() / kJump;
+        if (off > 0.03) astray_mm2 += step * step;
+        if (std::abs(across(x, y)) > 1.5 * edge) {
+          ASSERT_LT(off, 0.05) << "angle " << angle << ", at " << x << ", " << y;
+        }
+        if (std::abs(across(x, y)) > 2.5 * edge) {
+          ASSERT_LT(off, 0.01) << "angle " << angle << ", at " << x << ", " << y;
+        }
+      }
+    }
+    EXPECT_LT(astray_mm2 / length_mm, 1.25 * edge) << "angle " << angle;
+  }
+}
+
+TEST(FitSpline, OnlyAroundCreasesAreSpansFinerWhereAsked) {
+  const auto crease = [](double x, double y) { return 12 + 0.1 * std::abs(x - 4.05) + 0.01 * std::sin(0.8 * x) * std::cos(y); };
+  const SplineFit fit = fit_spline(slid_mesh(kPatch, kPatchCells, 0.3, crease), kPatch, {.finer_creases = true});
+  EXPECT_EQ(fit_spline(slid_mesh(kPatch, kPatchCells, 0.3, crease), kPatch).surface.spans_x(), kPatchCells);
+  const Grid<double>& all = fit.surface.coefficients();
+  const auto columns = [&](int from, int to) {
+    Grid<double> some(to - from, all.height);
+    for (int j = 0; j < all.height; ++j) {
+      for (int i = from; i < to; ++i) some.at(i - from, j) = all.at(i, j);
+    }
+    return some;
+  };
+  // The crease is 38.5 edges, 77 spans from the left.
+  EXPECT_TRUE(detail::with_spans_doubled(columns(0, 60 + 3), 1e-11).has_value());
+  EXPECT_FALSE(detail::with_spans_doubled(columns(60, 100 + 3), 1e-11).has_value());
+  EXPECT_TRUE(detail::with_spans_doubled(columns(100, 160 + 3), 1e-11).has_value());
+}
+
 TEST(FitSpline, TakesNoBumpForACrease) {
   // 20 um high, two edges from its middle to its steepest slope.
   const double wide = 2 * kPatch.size().x() / kPatchCells;
@@ -331,7 +389,7 @@ TEST(FitSpline, RefusesWhatIsNoHeightField) {
 TEST(FitSpline, StopsWhenAsked) {
   Monitor monitor;
   monitor.should_stop = [] { return true; };
-  EXPECT_THROW(fit_spline(slid_mesh(kPatch, 10, 0, [](double, double) { return 1.0; }), kPatch, monitor), Stopped);
+  EXPECT_THROW(fit_spline(slid_mesh(kPatch, 10, 0, [](double, double) { return 1.0; }), kPatch, {}, monitor), Stopped);
 }
 
 }  // namespace
