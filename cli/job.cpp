@@ -573,7 +573,7 @@ double blank_margin_mm(const Job& job) {
 }
 
 double solid_pitch_um(const Job& job) {
-  constexpr double kForWalls_um = 100;
+  constexpr double kForWalls_um = 200;
   return job.dry_run.solid_pitch_um.value_or(is_cut_out(job) ? kForWalls_um : 0);
 }
 

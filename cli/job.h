@@ -93,7 +93,7 @@ struct ControllerSpec {
 
 struct DryRunSpec {
   double pitch_um = 20;
-  std::optional<double> solid_pitch_um; ///< of the true solid beside the heights, 0: none; empty: "auto", 100 where the part is cut out
+  std::optional<double> solid_pitch_um; ///< of the true solid beside the heights, 0: none; empty: "auto", 200 where the part is cut out
   double starvation_mark_um = 1;        ///< how far a cutter that the line lets stand in the cut sinks in (a model)
   double wall_tolerance_um = 20;        ///< a wall that is farther off the outline is a fault
   double polish_sigma_um = 100;         ///< hand polish as a Gaussian low-pass of the heights; 0: as milled

@@ -39,7 +39,11 @@ double distance_to_way(const Vec3& p, const Vec3& a, const Vec3& b) {
   return (a + share * way - p).norm();
 }
 
-using Box = std::array<SolidStock::Cells, 3>;
+/// What of the solid a body may meet.
+struct Reach {
+  std::array<SolidStock::Cells, 3> cells;
+  std::vector<Box2> below;  ///< by rows of z: what of the body is no higher than their cells
+};
 
 }  // namespace
 
@@ -49,7 +53,7 @@ struct SolidStock::Collected {
   std::vector<ToolPose> run;  ///< moves that go straight on, from the first pose to the last
 
   /// Takes what the bodies cover off the rays of some rows.
-  void cut_rows(const SolidStock& solid, int along, std::span<const Box> boxes, int begin, int end, RayBundle& bundle) const;
+  void cut_rows(const SolidStock& solid, int along, std::span<const Reach> reaches, int begin, int end, RayBundle& bundle) const;
 };
 
 SolidStock::~SolidStock() = default;
@@ -130,20 +134,33 @@ SolidStock::Cells SolidStock::cells(int axis, double low, double high) const {
           static_cast<int>(std::clamp(std::floor(cell(high)), -1.0, count_[axis] - 1.0))};
 }
 
-void SolidStock::Collected::cut_rows(const SolidStock& solid, int along, std::span<const Box> boxes, int begin, int end,
+void SolidStock::Collected::cut_rows(const SolidStock& solid, int along, std::span<const Reach> reaches, int begin, int end,
                                      RayBundle& bundle) const {
   const int column_axis = kColumnAxis[along], row_axis = kRowAxis[along];
   Vec3 place = Vec3::Zero();
   for (std::size_t k = 0; k < bodies.size(); ++k) {
     const SweptBody& body = bodies[k];
-    const Cells rows = boxes[k][row_axis], columns = boxes[k][column_axis];
-    const Span box{static_cast<float>(body.low()[along]), static_cast<float>(body.high()[along])};
+    const Reach& reach = reaches[k];
+    const Cells rows = reach.cells[row_axis];
+    Cells columns = reach.cells[column_axis];
+    Span box{static_cast<float>(body.low()[along]), static_cast<float>(body.high()[along])};
     for (int row = std::max(rows.from, begin); row <= std::min(rows.to, end - 1); ++row) {
       place[row_axis] = solid.place_mm(row_axis, row);
+      if (row_axis == 2) {
+        const Box2& below = reach.below[row - rows.from];
+        columns = solid.cells(column_axis, below.min[column_axis], below.max[column_axis]);
+        box = {static_cast<float>(below.min[along]), static_cast<float>(below.max[along])};
+      }
       for (int column = columns.from; column <= columns.to; ++column) {
         const auto spans = bundle.at(column, row);
         if (std::none_of(spans.begin(), spans.end(), [&](const Span& span) { return span.meets(box); })) continue;
         place[column_axis] = solid.place_mm(column_axis, column);
+        if (along == 2 && !reach.below.empty()) {
+          // What of the body is below the ray's top may be elsewhere.
+          const Cells levels = reach.cells[2];
+          const int level = static_cast<int>(std::floor(spans.back().to / solid.pitch_mm().z()));
+          if (level < levels.to && !reach.below[std::max(level, levels.from) - levels.from].contains(place.head<2>())) continue;
+        }
         const Chord chord = body.chord(along, place);
         if (!chord.empty()) bundle.subtract(column, row, {static_cast<float>(chord.from), static_cast<float>(chord.to)});
       }
@@ -154,7 +171,7 @@ void SolidStock::Collected::cut_rows(const SolidStock& solid, int along, std::sp
 void SolidStock::apply() {
   const std::vector<SweptBody>& bodies = collected_->bodies;
   if (bodies.empty()) return;
-  std::vector<Box> boxes(bodies.size());
+  std::vector<Reach> reaches(bodies.size());
   Box2 changed;
   for (std::size_t k = 0; k < bodies.size(); ++k) {
     const Vec3 &low = bodies[k].low(), &high = bodies[k].high();
@@ -162,11 +179,13 @@ void SolidStock::apply() {
     changed.include(above.min);
     changed.include(above.max);
     // Over the highest material there is nothing to cut.
-    boxes[k] = {cells(0, low.x(), high.x()), cells(1, low.y(), high.y()), cells(2, low.z(), std::min(high.z(), highest(above)))};
+    const Cells levels = cells(2, low.z(), std::min(high.z(), highest(above)));
+    reaches[k].cells = {cells(0, low.x(), high.x()), cells(1, low.y(), high.y()), levels};
+    for (int level = levels.from; level <= levels.to; ++level) reaches[k].below.push_back(bodies[k].below(place_mm(2, level) + pitch_.z() / 2));
   }
   for (int along = 0; along < 3; ++along) {
     parallel_blocks(rays_[along].rows(), kRowBlock, [&](std::size_t begin, std::size_t end) {
-      collected_->cut_rows(*this, along, boxes, static_cast<int>(begin), static_cast<int>(end), rays_[along]);
+      collected_->cut_rows(*this, along, reaches, static_cast<int>(begin), static_cast<int>(end), rays_[along]);
     });
   }
   collected_->bodies.clear();

@@ -97,6 +97,34 @@ SweptBody::SweptBody(const Tool& tool, const ToolPose& from, const ToolPose& to)
   }
 }
 
+Box2 SweptBody::below(double z_mm) const {
+  if (z_mm < low_.z()) return {};
+  if (kind_ != Kind::kBall || z_mm >= high_.z()) return {low_.head<2>(), high_.head<2>()};
+  // Of the parallelogram what is at most a radius higher: its corners lie on the rims.
+  Box2 box;
+  double lowest = kNothing;
+  for (int k = 0; k < rim_count_; ++k) {
+    const Capsule& rim = rims_[k];
+    const double over = rim.from.z() - z_mm, rise = rim.way.z();
+    double first = 0, last = 1;
+    if (rise > 0) {
+      last = std::min(last, (radius_ - over) / rise);
+    } else if (rise < 0) {
+      first = std::max(first, (radius_ - over) / rise);
+    } else if (over > radius_) {
+      continue;
+    }
+    if (first > last) continue;
+    for (const double share : {first, last}) {
+      box.include((rim.from + share * rim.way).head<2>());
+      lowest = std::min(lowest, over + share * rise);
+    }
+  }
+  if (box.empty()) return box;
+  const double beside = lowest > 0 ? std::sqrt(std::max(0.0, radius_ * radius_ - lowest * lowest)) : radius_;
+  return {box.min - Vec2::Constant(beside), box.max + Vec2::Constant(beside)};
+}
+
 Chord SweptBody::chord(int along, const Vec3& place) const {
   for (int axis = 0; axis < 3; ++axis) {
     if (axis != along && (place[axis] < low_[axis] || place[axis] > high_[axis])) return {};

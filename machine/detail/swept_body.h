@@ -29,6 +29,8 @@ class SweptBody {
 
   [[nodiscard]] const Vec3& low() const { return low_; }    ///< corners of a box around it
   [[nodiscard]] const Vec3& high() const { return high_; }
+  /// A rectangle around what of it is no higher than this, seen from above; empty where nothing is.
+  [[nodiscard]] Box2 below(double z_mm) const;
   /// Of the line along coordinate axis 0, 1 or 2 through `place`, whose own coordinate along it does not matter.
   [[nodiscard]] Chord chord(int along, const Vec3& place) const;
 
