@@ -148,6 +148,7 @@ TEST(Conversation, SoftLimitIsDeafUntilReset) {
   EXPECT_EQ(talk.burst({"G0 X100", "G0 X251", "G0 X0"}), "ok\nALARM:2\n[MSG:Reset to continue]\n");
   const Fault fault = talk.machine.result().faults.at(0);
   EXPECT_EQ(fault.kind, "limit");
+  EXPECT_THAT(fault.picture, HasSubstr("#b3261e")) << "the axis that would pass is red";
   EXPECT_EQ(fault.line, 2);
   EXPECT_NEAR(fault.amount_mm, 1, 1e-9);
   EXPECT_THAT(fault.message, HasSubstr("X would pass its limit 260 mm by 1 mm"));
