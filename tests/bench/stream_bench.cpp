@@ -1,6 +1,6 @@
 // Lines a second through pseudo-terminal, libserial, streamer and simulated machine: stream_bench [lines] [--stock]
 // How long a feed hold takes to the wire: stream_bench hold MOMENTS
-// Hours of streaming on the virtual clock, memory and starvation: stream_bench hours N
+// Hours of streaming on the virtual clock, memory and starvation: stream_bench hours N [PROGRAM]
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -16,6 +16,7 @@
 #include <random>
 #include <vector>
 
+#include "design/core/files.h"
 #include "design/core/text.h"
 #include "machine/connection.h"
 #include "machine/detail/interpreter.h"
@@ -113,8 +114,28 @@ int hold_latency(int count) {
   return ms(0.99) < 20 ? 0 : 1;
 }
 
-/// Sender and machine in lockstep, 115,200 baud, finishing at 1200 mm/min in steps of 0.1 mm: 200 lines a second.
-int hours(int count) {
+/// An hour of finishing at 1200 mm/min in steps of 0.1 mm: 200 lines a second.
+std::string hour_of_finishing() {
+  std::string text = "G21 G90 G94\nG43.1 Z85\nS36000 M3\nG4 P8\nG0 X0 Y0\nG0 Z60\nG1 F1200\n";
+  for (long i = 0; i < 720'000; ++i) {
+    text += "X" + fixed(0.1 * static_cast<double>(i % 400), 5) + "Y" + fixed(1e-5 * static_cast<double>(i % 100000), 5) + "\n";
+    if (i % 400 == 399) text += "G0 X0\nG1\n";
+  }
+  return text + "M5\nM2\n";
+}
+
+long resident_kb() {
+  long pages = 0, resident = 0;
+  if (FILE* file = std::fopen("/proc/self/statm", "r")) {
+    if (std::fscanf(file, "%ld %ld", &pages, &resident) != 2) resident = 0;
+    std::fclose(file);
+  }
+  return resident * sysconf(_SC_PAGESIZE) / 1024;
+}
+
+/// Sender and machine in lockstep at 115,200 baud: the program again and again until the hours are over.
+int hours(double count, const std::string& text) {
+  constexpr int kTools = 20;
   VirtualClock clock;
   SimulationOptions options;
   options.remove_stock = false;
@@ -122,44 +143,50 @@ int hours(int count) {
   options.clock = &clock;
   OperatorSetup setup;
   setup.workpiece_origin_mm = {0, 0, -420};
-  const auto resident_kb = [] {
-    long pages = 0, resident = 0;
-    if (FILE* file = std::fopen("/proc/self/statm", "r")) {
-      if (std::fscanf(file, "%ld %ld", &pages, &resident) != 2) resident = 0;
-      std::fclose(file);
-    }
-    return resident * sysconf(_SC_PAGESIZE) / 1024;
-  };
+  for (int number = 1; number <= kTools; ++number) {
+    Cutter cutter;
+    cutter.number = number;
+    setup.cutters.push_back(cutter);
+  }
   SimulatedMachine machine(machine_model(), setup, options);
   machine.start();
   LockstepLink link(machine, clock, {.baud = 115200, .faults = {}});
-  std::string text = "G21 G90 G94\nG43.1 Z85\nS36000 M3\nG4 P8\nG0 X0 Y0\nG0 Z60\nG1 F1200\n";
-  for (long i = 0; i < 720'000L * count; ++i) {
-    text += "X" + fixed(0.1 * static_cast<double>(i % 400), 5) + "Y" + fixed(1e-5 * static_cast<double>(i % 100000), 5) + "\n";
-    if (i % 400 == 399) text += "G0 X0\nG1\n";
-  }
-  text += "M5\nM2\n";
-  const double user = user_seconds();
+  const auto hour = [&] { return std::chrono::duration<double>(clock.now()).count() / 3600; };
+  StreamOptions stream;
+  stream.on_operator = [](const std::string&) { return true; };
   Monitor monitor;
   double next = 0;
   monitor.on_progress = [&](std::string_view, double share) {
     if (share < next) return;
     next += 0.25;
-    std::printf("  %3.0f %%  %6.2f h  %ld kB resident\n", 100 * share,
-                std::chrono::duration<double>(clock.now()).count() / 3600, resident_kb());
+    std::printf("  %3.0f %%  %6.2f h  %ld kB resident\n", 100 * share, hour(), resident_kb());
   };
-  const StreamResult result = stream_program(link, text, {}, monitor);
+  const double user = user_seconds();
+  LineDigest digest;
+  long lines = 0, starved_reports = 0;
+  do {
+    next = 0;
+    const StreamResult result = stream_program(link, text, stream, monitor);
+    lines += result.lines_total;
+    starved_reports += result.starved_reports;
+    for (const ProgramLine& line : program_lines(text)) digest.add(line.text);
+    if (!result.done()) {
+      std::printf("  %s\n", result.message.c_str());
+      return 1;
+    }
+  } while (hour() < count);
   const SimulationResult milled = machine.result();
-  std::printf("  %ld lines, %.1f MB in %.2f h, %.1f s of CPU; starvations %ld (%.3f s), overflowed bytes %ld; %s\n",
-              result.lines_total, 1e-6 * static_cast<double>(text.size()), result.seconds / 3600, user_seconds() - user,
-              milled.starvations, milled.starved_seconds, milled.overflowed_bytes, result.message.c_str());
-  return result.done() && milled.received_digest == program_digest(text) ? 0 : 1;
+  const bool same = milled.received_digest == digest.hex();
+  std::printf("  %ld lines in %.2f h, %.1f s of CPU; starvations %ld (%.3f s), starved reports %ld, overflowed bytes %ld, lines as sent: %s\n",
+              lines, hour(), user_seconds() - user, milled.starvations, milled.starved_seconds, starved_reports,
+              milled.overflowed_bytes, same ? "yes" : "no");
+  return same ? 0 : 1;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc > 2 && std::strcmp(argv[1], "hours") == 0) return hours(std::atoi(argv[2]));
+  if (argc > 2 && std::strcmp(argv[1], "hours") == 0) return hours(std::atof(argv[2]), argc > 3 ? read_whole(argv[3]) : hour_of_finishing());
   if (argc > 2 && std::strcmp(argv[1], "hold") == 0) return hold_latency(std::atoi(argv[2]));
   const long lines = argc > 1 ? std::atol(argv[1]) : 300000;
   const bool with_stock = argc > 2 && std::strcmp(argv[2], "--stock") == 0;
