@@ -534,9 +534,12 @@ int resume_file(ResumeChoices choices, const Errand& errand, Progress& progress)
   options.dialect = errand.job->controller.dialect;
   const Restart restart = write_restart(*errand.machine, broken.setup, broken.text, choices.from_line, options);
   if (const auto code = show_and_try(errand, broken, restart, "_R", options, progress)) return *code;
-  if (options.dialect == "linuxcnc" || (choices.stream.port.empty() && errand.job->stream.port.empty())) {
-    progress.say("nothing was sent; copy the text to the control, or send it with: lightmill resume " +
-                 choices.stream.what + " --from " + std::to_string(choices.from_line) + " --port PORT");
+  const bool is_fed = options.dialect != "linuxcnc";
+  if (!is_fed || (choices.stream.port.empty() && errand.job->stream.port.empty())) {
+    progress.say("nothing was sent; load the text at the control" +
+                 (is_fed ? ", or send it with: lightmill resume " + choices.stream.what + " --program " + name + " --from " +
+                               std::to_string(choices.from_line) + " --port PORT"
+                         : ""));
     return kExitDone;
   }
   complete(choices.stream, *errand.job, *errand.folder);

@@ -22,6 +22,7 @@ constexpr milliseconds kPollInterval{5};  // a key waits no longer
 constexpr milliseconds kProgressInterval{100};
 constexpr milliseconds kBrakingTimeout{10'000};
 constexpr char kSoftReset = 0x18;
+constexpr int kDoorResuming = 4;  // grblHAL: the spindle comes up again
 
 std::string plural(long count, const std::string& noun) {
   return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
@@ -399,10 +400,10 @@ class Streamer {
       if (!ask_status() && !ask_status()) {
         throw IoError("no controller answers" + on_port + ": check cable, power and baud rate");
       }
-      for (const char* state : {"Run", "Jog", "Home", "Door"}) {
-        if (status_.state == state) {
-          throw IoError("the controller" + on_port + " is busy (" + status_.state + "): wait or stop it first");
-        }
+      constexpr std::array<std::string_view, 4> kBusy{"Run", "Jog", "Home", "Door"};
+      const bool braking = status_.state == "Hold" && status_.substate > 0;
+      if (braking || std::find(kBusy.begin(), kBusy.end(), status_.state) != kBusy.end()) {
+        throw IoError("the controller" + on_port + " is busy (" + status_.state + "): wait or stop it first");
       }
       banner_ = locked_ = false;
       send_real_time(kSoftReset);
@@ -739,6 +740,7 @@ class Streamer {
   /// Somebody at the machine may have held it, or opened its door.
   void serve_held_machine() {
     if (!options_.on_operator || held_by_operator_) return;
+    if (status_.state == "Door" && status_.substate == kDoorResuming) return;
     // A report may have left before the operator's ~ arrived.
     if (let_go_ && now() - *let_go_ < options_.reply_timeout) return;
     const std::string what = "the machine waits (" + status_.state + ") although the program did not ask for it";

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <algorithm>
 #include <chrono>
 #include <nlohmann/json.hpp>
 #include <thread>
@@ -137,6 +138,41 @@ TEST(Resume, TheSurfaceIsThatOfAnUndisturbedRun) {
   EXPECT_EQ(nothing.code, 2) << "everything is milled";
   EXPECT_THAT(nothing.err, HasSubstr("no stream"));
   EXPECT_EQ(lightmill_command({"resume", run.string(), "-q"}).code, 0) << "stages that are done stay";
+}
+
+// Such a control knows where it stopped: the operator names the line, and loads what is written.
+TEST(Resume, OnAControlThatRunsFilesWritesAProgram) {
+  const ScratchFolder scratch;
+  const fs::path run = scratch / "run";
+  spill(scratch / "job.toml",
+        slurp(tiny_job(scratch, "workpiece_origin_mm = [7, -4, 0]",
+                       "file = \"" + fixture("machines/trunnion_linuxcnc.toml").string() + "\"\nworkpiece_origin_mm = [7, -4, 30]")) +
+            "\n[controller]\ndialect = \"linuxcnc\"\n");
+  const CommandResult made = lightmill_command({"make", (scratch / "job.toml").string(), "-o", run.string(), "-q"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  const std::string program = slurp(run / "program/30_finish.ngc");
+  const long line = std::count(program.begin(), program.end(), '\n') / 2;
+
+  const CommandResult unnamed = lightmill_command({"resume", run.string(), "--from", std::to_string(line)});
+  EXPECT_EQ(unnamed.code, 2);
+  EXPECT_THAT(unnamed.err, HasSubstr("name the program that broke off with --program"));
+  EXPECT_FALSE(fs::exists(run / "stream/30_finish_R.ngc"));
+
+  // This control has no line to be fed by: a port changes nothing.
+  for (const bool port : {false, true}) {
+    std::vector<std::string> arguments{"resume", run.string(), "--program", "30_finish.ngc", "--from", std::to_string(line)};
+    if (port) arguments.insert(arguments.end(), {"--port", "/dev/ttyNotThere"});
+    const CommandResult resumed = lightmill_command(arguments);
+    EXPECT_EQ(resumed.code, 0) << resumed.err;
+    EXPECT_THAT(resumed.out, HasSubstr("nothing was sent; load the text at the control\n"));
+    EXPECT_THAT(resumed.out, HasSubstr((run / "stream/30_finish_R.ngc").string()));
+  }
+  const std::string restart = slurp(run / "stream/30_finish_R.ngc");
+  EXPECT_NE(restart.find("(RESTART OF 30_FINISH.NGC AT ITS LINE "), std::string::npos);
+  EXPECT_TRUE(restart.ends_with(program.substr(program.size() - 200))) << "and goes on as the program";
+  EXPECT_THAT(slurp(run / "stream/30_finish_R.svg"), HasSubstr("</svg>"));
+  EXPECT_EQ(journals(run), 0U);
+  EXPECT_FALSE(fs::exists(run / "streams.jsonl")) << "nothing was streamed";
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "command_rig.h"
+#include "machine/program_lines.h"
 
 namespace lightmill::test {
 namespace {
@@ -17,15 +18,16 @@ using testing::HasSubstr;
 
 /// A program through two processes and a pseudo-terminal; what the machine says of it.
 json streamed(const ScratchFolder& scratch, const std::string& protocol, const std::string& machine_file,
-              const fs::path& program) {
+              const fs::path& program, const std::vector<std::string>& more = {}) {
   const std::string port = (scratch / "port").string();
   const pid_t machine = start_lightmill(
       {"machine", "--pty", port, "--machine", fixture("machines/" + machine_file).string(), "--protocol", protocol,
        "--blank", "12x10x5", "--pitch-um", "200", "--out", (scratch / "milled").string()},
       scratch / "log");
   for (int tries = 0; tries < 3000 && !fs::exists(port); ++tries) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  const CommandResult sent =
-      typed_command({"stream", program.string(), "--port", port, "--protocol", protocol, "--unproven"}, "unproven\n");
+  std::vector<std::string> arguments{"stream", program.string(), "--port", port, "--protocol", protocol, "--unproven"};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  const CommandResult sent = typed_command(arguments, "unproven\n");
   EXPECT_EQ(sent.code, 0) << sent.out;
   // The last bytes are still being read.
   std::this_thread::sleep_for(std::chrono::milliseconds(300));
@@ -54,6 +56,16 @@ TEST(StreamProtocols, DripFeedToAFanuc) {
   const json result = streamed(scratch, "drip", "vmc_ac_fanuc.toml", scratch / "part.nc");
   EXPECT_EQ(slurp(scratch / "milled/received.nc"), program);
   EXPECT_EQ(result["faults"].size(), 0U) << result["faults"].dump(1);
+}
+
+TEST(StreamProtocols, OneLineAtATimeToAGrbl) {
+  const ScratchFolder scratch;
+  std::string program = "G21 G90 G94\nG53 G0 Z0\nG0 X-12 Y0\n";
+  for (int i = 0; i < 100; ++i) program += "G1 X" + std::to_string(i % 7) + ".25 Y0." + std::to_string(i + 1) + " F3000\n";
+  program += "G53 G0 Z0\nM5\nM2\n";
+  spill(scratch / "part.nc", program);
+  const json result = streamed(scratch, "grbl", "hsm400u_grblhal.toml", scratch / "part.nc", {"--one-at-a-time"});
+  EXPECT_EQ(result["received_digest"], program_digest(program));
 }
 
 TEST(StreamProtocols, WrongOnesAreTheUsersMistake) {

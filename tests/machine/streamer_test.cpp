@@ -107,6 +107,29 @@ RC_GTEST_PROP(StreamerProperty, NeverOverflowsAnyBuffer, ()) {
   RC_ASSERT(outcome.machine.received_digest == program_digest(program));
 }
 
+TEST(Streamer, OneLineAtATimeWaitsForEachOk) {
+  StreamOptions options = quick();
+  options.one_at_a_time = true;
+  bool waits = false;
+  long sent = 0;
+  options.on_traffic = [&](const std::string& text) {
+    if (text == "< ok") waits = false;
+    if (text.size() < 4 || !text.starts_with("> ") || text[2] == '$' || text[2] == '<') return;
+    EXPECT_FALSE(waits) << text;
+    waits = true;
+    ++sent;
+  };
+  const std::string program = zigzag(300);
+  std::size_t longest = 0;
+  for (const ProgramLine& line : program_lines(program)) longest = std::max(longest, line.text.size() + 1);
+  const Outcome outcome = stream(program, test::no_stock(), options, {.baud = 115200, .faults = {}});
+  EXPECT_TRUE(outcome.stream.done()) << outcome.stream.message;
+  EXPECT_EQ(outcome.machine.received_digest, program_digest(program));
+  EXPECT_EQ(outcome.stream.highest_buffer_fill, static_cast<int>(longest)) << "never two lines under way";
+  EXPECT_EQ(outcome.stream.recovered_acknowledgements, 0);
+  EXPECT_GE(sent, 300);
+}
+
 TEST(Streamer, ABlindSenderDoesOverflow) {
   test::MachineRig rig;
   const auto connection = rig.connect();
