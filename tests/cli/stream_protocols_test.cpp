@@ -1,8 +1,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <poll.h>
 #include <signal.h>
+#include <termios.h>
 
+#include <array>
+#include <atomic>
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -66,6 +71,55 @@ TEST(StreamProtocols, OneLineAtATimeToAGrbl) {
   spill(scratch / "part.nc", program);
   const json result = streamed(scratch, "grbl", "hsm400u_grblhal.toml", scratch / "part.nc", {"--one-at-a-time"});
   EXPECT_EQ(result["received_digest"], program_digest(program));
+}
+
+/// What came out of a port, byte for byte, while `action` was done with it.
+std::string bytes_of_port(const std::function<void(const std::string& port)>& action) {
+  int near = -1, far = -1;
+  std::array<char, 256> name{};
+  termios raw{};
+  cfmakeraw(&raw);
+  if (openpty(&near, &far, name.data(), &raw, nullptr) != 0) throw std::runtime_error("no pseudo-terminal");
+  std::string bytes;
+  std::atomic<bool> done = false;
+  std::thread reader([&] {
+    std::array<char, 4096> buffer;
+    for (;;) {
+      const bool last = done;
+      pollfd poll_near{near, POLLIN, 0};
+      const bool there = poll(&poll_near, 1, 20) > 0;
+      if (there) bytes.append(buffer.data(), static_cast<std::size_t>(std::max<ssize_t>(0, read(near, buffer.data(), buffer.size()))));
+      if (last && !there) return;
+    }
+  });
+  action(name.data());
+  done = true;
+  reader.join();
+  close(far);
+  close(near);
+  return bytes;
+}
+
+// Heidenhain's text mode: no tape marks, CR LF, and ETX EOT behind the last line, once.
+TEST(StreamProtocols, DripFeedToAHeidenhainEndsWithEtxEot) {
+  const ScratchFolder scratch;
+  const fs::path run = scratch / "run";
+  spill(scratch / "job.toml",
+        slurp(tiny_job(scratch, "workpiece_origin_mm = [7, -4, 0]",
+                       "file = \"" + fixture("machines/mikron_hsm400u_itnc530.toml").string() + "\"\nworkpiece_origin_mm = [7, -4, 30]")) +
+            "\n[controller]\ndialect = \"heidenhain\"\n");
+  const CommandResult made = lightmill_command({"make", (scratch / "job.toml").string(), "-o", run.string(), "-q"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  for (const char* name : {"20_SEMI_FINISH.H", "30_FINISH.H"}) fs::remove(run / "program" / name);
+  const std::string bytes = bytes_of_port([&](const std::string& port) {
+    const CommandResult sent = typed_command(
+        {"stream", run.string(), "--port", port, "--protocol", "drip", "--unproven", "--confirm-all"}, "unproven\n");
+    EXPECT_EQ(sent.code, 0) << sent.out;
+  });
+  std::string expected;
+  const std::string program = slurp(run / "program/10_ROUGH.H");
+  for (const ProgramLine& line : program_lines(program)) expected += std::string(line.text) + "\r\n";
+  EXPECT_TRUE(bytes == expected + "\x03\x04") << bytes.size() << " bytes of " << expected.size() + 2;
 }
 
 TEST(StreamProtocols, WrongOnesAreTheUsersMistake) {
