@@ -125,6 +125,8 @@ struct Protocol {
   const char* format;
   std::vector<std::string> dialects;
   [[nodiscard]] bool acknowledges_lines() const { return std::string_view(name).starts_with("grbl"); }
+  /// The machine mills while it is sent to.
+  [[nodiscard]] bool feeds_lines() const { return std::string_view(name) != "fe"; }
   [[nodiscard]] bool feeds(const std::string& dialect) const {
     return std::find(dialects.begin(), dialects.end(), dialect) != dialects.end();
   }
@@ -186,6 +188,7 @@ StreamResult send_program(Connection& connection, const std::string& text, const
     options.on_operator = ask;
     const auto lines = static_cast<long>(program_lines(text).size());
     options.on_sent = [&](long sent) { shown.sent(sent, lines); };
+    options.journal = journal;
     return drip_feed(connection, text, options, silent);
   }
   StreamOptions options;
@@ -276,7 +279,7 @@ int send_all(const std::vector<Sending>& sendings, const Errand& errand, const S
     fs::path log;
     if (errand.folder != nullptr) {
       const fs::path path = next_journal(errand.folder->root(), sending.program);
-      if (protocol.acknowledges_lines()) journal = begin_journal(path, errand, sending);
+      if (protocol.feeds_lines()) journal = begin_journal(path, errand, sending);
       log = fs::path(path).replace_extension(".log");
       const OperatorSetup setup = setup_of(shop_of(*errand.job, *errand.folder), *errand.machine);
       schedule = schedule_program(*errand.machine, setup, errand.job->controller.dialect, sending.text);
@@ -377,15 +380,19 @@ std::string position_text(const MachineModel& machine, const JointPosition& j) {
   return text;
 }
 
-/// What the journal says and what it cannot know, for the person who decides.
-void say_what_is_known(const JournalSummary& journal, const StreamPlace& place, const MachineModel& machine,
-                       Progress& progress) {
+void say_how_it_ended(const JournalSummary& journal, Progress& progress) {
   const std::string last = journal.end.empty() ? "the sender died" : journal.end;
   progress.say("program       " + journal.header.program + ", streamed " + journal.header.started);
   progress.say("ended         " + last + " after " + fixed(journal.seconds, 1) + " s" +
                (journal.end_message.empty() ? "" : ": " + journal.end_message));
   if (journal.torn_bytes > 0)
     progress.say("journal       its last " + std::to_string(journal.torn_bytes) + " bytes are torn and do not count");
+}
+
+/// What the journal says and what it cannot know, for the person who decides.
+void say_what_is_known(const JournalSummary& journal, const StreamPlace& place, const MachineModel& machine,
+                       Progress& progress) {
+  say_how_it_ended(journal, progress);
   progress.say("acknowledged  " +
                (place.acknowledged_line > 0 ? "line " + std::to_string(place.acknowledged_line) : "no line"));
   progress.say("surely cut    " +
@@ -512,6 +519,18 @@ std::optional<int> show_and_try(const Errand& errand, const BrokenProgram& broke
   return std::nullopt;
 }
 
+/// Of a drip feed, which acknowledges nothing.
+void say_what_was_sent(const JournalSummary& journal, const BrokenProgram& broken, long from_line, Progress& progress) {
+  const long sent = last_line_of(broken.text, journal.header, journal.sent);
+  say_how_it_ended(journal, progress);
+  progress.say("sent          " + (sent > 0 ? "at most to line " + std::to_string(sent) : std::string("no line")) +
+               "; how much of it is cut only the control knows");
+  if (from_line > sent + 1) {
+    progress.say("warning       lines " + std::to_string(sent + 1) + " to " + std::to_string(from_line - 1) +
+                 " were never sent and are left out as you asked (--from " + std::to_string(from_line) + ")");
+  }
+}
+
 /// Controls that run files know themselves where they stopped: the operator reads the block there.
 bool runs_files(const Job& job) {
   return job.controller.dialect != "grblhal";
@@ -519,15 +538,20 @@ bool runs_files(const Job& job) {
 
 int resume_file(ResumeChoices choices, const Errand& errand, Progress& progress) {
   const std::vector<fs::path> programs = errand.folder->programs();
+  const std::optional<JournalSummary> journal = last_journal(errand.folder->root());
+  const bool broke_off = journal && has_broken_stream(errand.folder->root());
+  if (choices.program.empty() && broke_off) choices.program = journal->header.program;
+  if (choices.program.empty() && programs.size() == 1) choices.program = programs.front().filename().string();
+  if (choices.program.empty()) throw InputError("name the program that broke off with --program");
+  const std::string& name = choices.program;
+  const BrokenProgram broken = broken_program(errand, name, false);
+  if (broke_off && journal->header.program == name) say_what_was_sent(*journal, broken, choices.from_line, progress);
   if (choices.from_line == 0) {
     throw InputError(
         "a control that runs files knows where it stopped: read the block there and name its line of the text with --from");
   }
-  if (choices.program.empty() && programs.size() != 1) throw InputError("name the program that broke off with --program");
-  const std::string name = choices.program.empty() ? programs.front().filename().string() : choices.program;
   std::string unproven;
   if (const auto code = settle_proof(lacks_proof(*errand.folder, *errand.job), choices.stream, unproven)) return *code;
-  BrokenProgram broken = broken_program(errand, name, false);
   RestartOptions options;
   options.overlap_mm = choices.overlap_mm;
   options.program_name = name;

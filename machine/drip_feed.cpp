@@ -63,6 +63,9 @@ class DripFeed {
     } catch (const Stopped&) {
       result_.end = StreamEnd::kStopped;
       result_.message = "stopped by the user" + account();
+    } catch (const JournalError& error) {
+      result_.end = StreamEnd::kJournal;
+      result_.message = error.what() + account();
     } catch (const IoError& error) {
       result_.end = StreamEnd::kHungUp;
       result_.message = error.what() + account();
@@ -119,6 +122,7 @@ class DripFeed {
     queued_ = queued;
     if (!held_ && sent_ < tape_.bytes.size() && queued < options_.most_queued_bytes) {
       const std::size_t room = std::min(options_.most_queued_bytes - queued, tape_.bytes.size() - sent_);
+      if (options_.journal != nullptr) options_.journal->sending(std::min(lines_within(sent_ + room) + 1, result_.lines_total));
       const std::size_t taken = connection_.write_some({tape_.bytes.data() + sent_, room}, milliseconds(0));
       if (taken > 0) progress_ = now();
       sent_ += taken;

@@ -8,6 +8,7 @@
 
 #include "design/core/monitor.h"
 #include "machine/connection.h"
+#include "machine/journal.h"
 #include "machine/streamer.h"
 
 namespace lightmill {
@@ -22,6 +23,7 @@ struct DripOptions {
   std::size_t most_queued_bytes = 32;  ///< still goes out behind an XOFF that this sender obeys
   std::function<void(const std::string&)> on_traffic;
   std::function<void(long lines)> on_sent;  ///< told how many lines the system has taken
+  Journal* journal = nullptr;               ///< told what is about to be sent, before it is; ends the feed if it cannot be written
   /// True: wait on; false, or nobody to ask: the feed ends.
   std::function<bool(const std::string& what)> on_operator;
 };

@@ -38,6 +38,20 @@ JointPosition to_position(const Joints& q) {
   return {q[0], q[1], q[2], q[3], q[4]};
 }
 
+/// The index of a line of the text, or of the next one that is not blank.
+std::size_t index_among(const std::vector<ProgramLine>& lines, long number) {
+  const auto found =
+      std::lower_bound(lines.begin(), lines.end(), number, [](const ProgramLine& line, long n) { return line.number < n; });
+  return static_cast<std::size_t>(found - lines.begin());
+}
+
+/// From lines that were sent to lines of the program; those of a restart's entry are none, those of its overlap are old.
+std::size_t count_of(const std::vector<ProgramLine>& lines, const JournalHeader& header, long sent) {
+  const std::size_t base = index_among(lines, header.uncut_line);
+  if (sent <= header.entry_lines) return base;
+  return std::clamp(index_among(lines, header.first_line) + static_cast<std::size_t>(sent - header.entry_lines), base, lines.size());
+}
+
 /// Lines of a program, one after the other, on a control that has just been switched on with the axes at the top.
 class Replay {
  public:
@@ -74,12 +88,7 @@ class Replay {
     ++next_;
   }
 
-  /// The index of a line of the text, or of the next one that is not blank.
-  [[nodiscard]] std::size_t index_of(long number) const {
-    const auto found = std::lower_bound(lines_.begin(), lines_.end(), number,
-                                        [](const ProgramLine& line, long n) { return line.number < n; });
-    return static_cast<std::size_t>(found - lines_.begin());
-  }
+  [[nodiscard]] std::size_t index_of(long number) const { return index_among(lines_, number); }
 
  private:
   std::vector<ProgramLine> lines_;
@@ -128,6 +137,12 @@ std::optional<Joints> reported_joints(const MachineModel& machine, const StatusR
 
 }  // namespace
 
+long last_line_of(std::string_view program, const JournalHeader& header, long sent) {
+  const std::vector<ProgramLine> lines = program_lines(program);
+  const std::size_t count = count_of(lines, header, sent);
+  return count == 0 ? 0 : lines[count - 1].number;
+}
+
 StreamPlace find_place(const MachineModel& machine, const OperatorSetup& setup, std::string_view program,
                        const JournalSummary& journal) {
   const JournalHeader& header = journal.header;
@@ -137,14 +152,8 @@ StreamPlace find_place(const MachineModel& machine, const OperatorSetup& setup, 
   }
   Replay replay(machine, setup, program);
   const auto& lines = replay.lines();
-  const std::size_t first = replay.index_of(header.first_line);
-  const std::size_t base = replay.index_of(header.uncut_line);
-  // From lines that were sent to lines of the program; those of a restart's entry are none, those of its overlap are
-  // old.
-  const auto program_lines_of = [&](long sent) {
-    if (sent <= header.entry_lines) return base;
-    return std::clamp(first + static_cast<std::size_t>(sent - header.entry_lines), base, lines.size());
-  };
+  const std::size_t base = index_among(lines, header.uncut_line);
+  const auto program_lines_of = [&](long sent) { return count_of(lines, header, sent); };
   const auto number = [&](std::size_t count) { return count == 0 ? 0 : lines[count - 1].number; };
 
   StreamPlace place;

@@ -24,6 +24,9 @@ struct StreamPlace {
   long reported_line = 0;  ///< the line on whose way that is, if one of those that may be under way passes there
 };
 
+/// The number of the program's last line that is among the first `sent` lines of a stream; 0: none.
+long last_line_of(std::string_view program, const JournalHeader& header, long sent);
+
 /// An acknowledgement says that a line was understood, not that it was milled: the planner's blocks and what the
 /// control has prepared beyond them are taken off, counted in lines that surely move. Lines that make the control wait
 /// for standstill (spindle, coolant, dwell, tool) prove everything before them. Throws InputError if the journal is of

@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <termios.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <filesystem>
@@ -120,6 +121,17 @@ TEST(StreamProtocols, DripFeedToAHeidenhainEndsWithEtxEot) {
   const std::string program = slurp(run / "program/10_ROUGH.H");
   for (const ProgramLine& line : program_lines(program)) expected += std::string(line.text) + "\r\n";
   EXPECT_TRUE(bytes == expected + "\x03\x04") << bytes.size() << " bytes of " << expected.size() + 2;
+
+  // As if the sender had died at its end: what it has sent is in the journal, what is cut the operator reads at the control.
+  const fs::path journal = run / "stream/000001_10_ROUGH.journal";
+  const std::string records = slurp(journal);
+  spill(journal, records.substr(0, records.size() - 5));
+  const CommandResult asked = lightmill_command({"resume", run.string(), "--unproven"});
+  EXPECT_EQ(asked.code, 2);
+  const long lines = std::count(program.begin(), program.end(), '\n');
+  EXPECT_THAT(asked.out, HasSubstr("the sender died"));
+  EXPECT_THAT(asked.out, HasSubstr("at most to line " + std::to_string(lines) + "; how much of it is cut only the control knows"));
+  EXPECT_THAT(asked.err, HasSubstr("name its line of the text with --from"));
 }
 
 TEST(StreamProtocols, WrongOnesAreTheUsersMistake) {

@@ -3,11 +3,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
+#include <unistd.h>
 
+#include <filesystem>
 #include <random>
 
 #include "design/core/errors.h"
 #include "machine/program_lines.h"
+#include "machine/restart.h"
 #include "machine_rig.h"
 
 namespace lightmill {
@@ -66,6 +69,37 @@ TEST(DripFeed, ASenderThatDoesNotListenOverflowsTheBuffer) {
   rig.link.write_some(tape(400), milliseconds(0));
   rig.link.run_for(std::chrono::minutes(1));
   EXPECT_GT(rig.machine.result().overflowed_bytes, 0);
+}
+
+// Whatever the control has got is in the journal, which is ahead by no more than it announces.
+TEST(DripFeed, TheJournalKnowsWhatMayHaveBeenSent) {
+  const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / ("drip_journal_" + std::to_string(::getpid()));
+  const std::string program = tape(400);
+  const auto lines = static_cast<long>(program_lines(program).size());
+  for (const double seconds : {0.0, 0.3, 1.7, 4.1}) {
+    std::filesystem::remove(path);
+    test::Lockstep rig(drip(0.02), {.baud = 9600, .faults = {}});
+    Monitor monitor;
+    const ClockTime start = rig.link.clock().now();
+    monitor.should_stop = [&] { return rig.link.clock().now() - start > std::chrono::duration<double>(seconds); };
+    long sent = 0;
+    {
+      JournalHeader header;
+      header.program = "part.nc";
+      header.program_digest = program_digest(program);
+      header.lines = lines;
+      Journal journal(path, header);
+      DripOptions options;
+      options.journal = &journal;
+      sent = drip_feed(rig.link, program, options, monitor).lines_sent;
+    }
+    const JournalSummary summary = read_journal(path);
+    EXPECT_LT(sent, lines);
+    EXPECT_GE(summary.sent, sent);
+    EXPECT_LE(summary.sent, sent + JournalOptions{}.announce_lines);
+    EXPECT_EQ(last_line_of(program, summary.header, summary.sent), std::min(summary.sent, lines));
+  }
+  std::filesystem::remove(path);
 }
 
 TEST(DripFeed, AStuckXoffIsSaid) {
