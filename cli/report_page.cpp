@@ -298,6 +298,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.flag("/cam/solid/valid", "STEP solid", "valid and closed", "not valid");
   figures.row("/cam/solid/rms_deviation_um", "spline from mesh, off creases (rms)", "µm", 3, 0.5);
   figures.row("/cam/solid/max_deviation_um", "spline from mesh, anywhere", "µm", 2);
+  figures.row("/cam/solid/crease_width_mm", "width of its creases", "mm", 2);
   figures.row("/cam/solid/volume_mm3", "volume", "mm³", 1);
   figures.row("/cam/blank/height_mm", "blank height", "mm", 1);
   figures.row("/cam/finish/predicted_cusp_um", "cusp that finishing plans", "µm", 2, job.dry_run.cusp_limit_um);
@@ -330,6 +331,12 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/dry_run/collisions", "collisions and rapids through stock", "", 0, 0.0);
   figures.row("/dry_run/link/bytes_lost", "bytes lost on the line", "", 0, 0.0);
   figures.flag("/dry_run/link/digest_matches", "the machine executed every line, once, in order", "yes", "no");
+  const double wall_limit = job.dry_run.wall_tolerance_um;
+  figures.row("/dry_run/cut_out/walls/max_gouge_um", "part's wall: deepest inside its outline", "µm", 1, wall_limit);
+  figures.row("/dry_run/cut_out/walls/max_left_um", "part's wall: most left outside it", "µm", 1, wall_limit);
+  figures.row("/dry_run/cut_out/land_walls/max_gouge_um", "wall over the land: deepest inside its outline", "µm", 1, wall_limit);
+  figures.row("/dry_run/cut_out/land_walls/max_left_um", "wall over the land: most left outside it", "µm", 1, wall_limit);
+  figures.flag("/dry_run/cut_out/held", "tabs or skin hold the part in its blank", "yes", "no");
   figures.row("/dry_run/minutes", "time on the machine, accelerations and dwells included", "min", 1);
   for (const char* pass : kPassNames) {
     const std::string at = std::string("/dry_run/") + pass;

@@ -187,6 +187,7 @@ TEST(Chain, ADiskWithALandIsMilledAndCutOut) {
   EXPECT_NEAR(cut_out.at("tabs")[0].at("height_mm"), 0.4, 0.005);
   EXPECT_LT(cut_out.at("walls").at("max_left_um"), 7);
   EXPECT_LT(cut_out.at("walls").at("max_gouge_um"), 1);
+  EXPECT_THAT(slurp(fs::path(run) / "report.html"), AllOf(HasSubstr("part's wall: most left outside it"), HasSubstr("hold the part in its blank")));
   EXPECT_GT(report.at("/dry_run/polish_removal_um"_json_pointer), 0.5);
   EXPECT_LT(report.at("/dry_run/polish_removal_um"_json_pointer), 4);
 
