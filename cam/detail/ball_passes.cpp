@@ -316,7 +316,10 @@ class Spacer {
 
     void follow(double y1, const Vec2& p1, double y2, const Vec2& p2) {
       const double width = (p2 - p1).norm();
-      if (width <= close_mm_) return;
+      if (width <= close_mm_) {
+        consider((p1 + p2) / 2);  // the highest place is where it is as far to one path as to the other, and may be between
+        return;
+      }
       const double y = (y1 + y2) / 2;
       const Contact middle = spacer_.ball_.at(x_, y);
       if (y2 - y1 > kJumpMm) {
