@@ -91,6 +91,18 @@ std::optional<JournalSummary> last_journal(const fs::path& folder) {
   return std::nullopt;
 }
 
+/// Of a folder's last journal: its program is still there as it was streamed, and not all of them were milled to their end.
+bool breaks_off(const fs::path& folder, const JournalSummary& journal) {
+  const fs::path program = folder / "program" / journal.header.program;
+  std::error_code error;
+  if (!fs::exists(program, error) || program_digest(read_whole(program)) != journal.header.program_digest) return false;
+  if (!journal.done()) return true;
+  for (const auto& entry : fs::directory_iterator(program.parent_path(), error)) {
+    if (entry.path().filename() > program.filename()) return true;
+  }
+  return false;
+}
+
 /// "stream/000007_30_finish.journal": numbered, so that the last one is the last stream.
 fs::path next_journal(const fs::path& folder, const std::string& program) {
   const std::vector<fs::path> journals = journals_of(folder);
@@ -539,7 +551,7 @@ bool runs_files(const Job& job) {
 int resume_file(ResumeChoices choices, const Errand& errand, Progress& progress) {
   const std::vector<fs::path> programs = errand.folder->programs();
   const std::optional<JournalSummary> journal = last_journal(errand.folder->root());
-  const bool broke_off = journal && has_broken_stream(errand.folder->root());
+  const bool broke_off = journal && breaks_off(errand.folder->root(), *journal);
   if (choices.program.empty() && broke_off) choices.program = journal->header.program;
   if (choices.program.empty() && programs.size() == 1) choices.program = programs.front().filename().string();
   if (choices.program.empty()) throw InputError("name the program that broke off with --program");
@@ -613,16 +625,7 @@ bool can_resume(const ResumeChoices& choices) {
 
 bool has_broken_stream(const fs::path& folder) {
   const std::optional<JournalSummary> journal = last_journal(folder);
-  if (!journal) return false;
-  const fs::path program = folder / "program" / journal->header.program;
-  std::error_code error;
-  if (!fs::exists(program, error) || program_digest(read_whole(program)) != journal->header.program_digest)
-    return false;
-  if (!journal->done()) return true;
-  for (const auto& entry : fs::directory_iterator(program.parent_path(), error)) {
-    if (entry.path().filename() > program.filename()) return true;
-  }
-  return false;
+  return journal && breaks_off(folder, *journal);
 }
 
 int resume_stream(ResumeChoices choices, Progress& progress) {

@@ -38,18 +38,11 @@ JointPosition to_position(const Joints& q) {
   return {q[0], q[1], q[2], q[3], q[4]};
 }
 
-/// The index of a line of the text, or of the next one that is not blank.
-std::size_t index_among(const std::vector<ProgramLine>& lines, long number) {
-  const auto found =
-      std::lower_bound(lines.begin(), lines.end(), number, [](const ProgramLine& line, long n) { return line.number < n; });
-  return static_cast<std::size_t>(found - lines.begin());
-}
-
 /// From lines that were sent to lines of the program; those of a restart's entry are none, those of its overlap are old.
 std::size_t count_of(const std::vector<ProgramLine>& lines, const JournalHeader& header, long sent) {
-  const std::size_t base = index_among(lines, header.uncut_line);
+  const std::size_t base = detail::index_of_line(lines, header.uncut_line);
   if (sent <= header.entry_lines) return base;
-  return std::clamp(index_among(lines, header.first_line) + static_cast<std::size_t>(sent - header.entry_lines), base, lines.size());
+  return std::clamp(detail::index_of_line(lines, header.first_line) + static_cast<std::size_t>(sent - header.entry_lines), base, lines.size());
 }
 
 /// Lines of a program, one after the other, on a control that has just been switched on with the axes at the top.
@@ -87,8 +80,6 @@ class Replay {
     }
     ++next_;
   }
-
-  [[nodiscard]] std::size_t index_of(long number) const { return index_among(lines_, number); }
 
  private:
   std::vector<ProgramLine> lines_;
@@ -152,7 +143,7 @@ StreamPlace find_place(const MachineModel& machine, const OperatorSetup& setup, 
   }
   Replay replay(machine, setup, program);
   const auto& lines = replay.lines();
-  const std::size_t base = index_among(lines, header.uncut_line);
+  const std::size_t base = detail::index_of_line(lines, header.uncut_line);
   const auto program_lines_of = [&](long sent) { return count_of(lines, header, sent); };
   const auto number = [&](std::size_t count) { return count == 0 ? 0 : lines[count - 1].number; };
 
@@ -257,11 +248,7 @@ class RestartWriter {
   Restart write(long line) {
     restart_.uncut_line = line;
     Replay replay(machine_, setup_, program_);
-    if (line < 1 || replay.index_of(line) >= replay.lines().size()) {
-      throw InputError("line " + std::to_string(line) + " is not in the program, which has lines 1 to " +
-                       std::to_string(replay.lines().empty() ? 0 : replay.lines().back().number));
-    }
-    const std::size_t first = good_place(replay.index_of(line));
+    const std::size_t first = good_place(detail::index_to_go_on_at(replay.lines(), line));
     if (first == 0) {
       restart_.text = std::string(program_);
       return std::move(restart_);

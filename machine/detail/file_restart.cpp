@@ -302,13 +302,7 @@ class FileRestartWriter {
 
   Restart write(long line) {
     restart_.uncut_line = line;
-    const auto uncut = static_cast<std::size_t>(
-        std::lower_bound(lines_.begin(), lines_.end(), line, [](const ProgramLine& l, long n) { return l.number < n; }) -
-        lines_.begin());
-    if (line < 1 || uncut >= lines_.size()) {
-      throw InputError("line " + std::to_string(line) + " is not in the program, which has lines 1 to " +
-                       std::to_string(lines_.empty() ? 0 : lines_.back().number));
-    }
+    const std::size_t uncut = index_to_go_on_at(lines_, line);
     for (const ProgramLine& each : lines_) {
       if (!syntax_.jumps(each.text)) continue;
       throw InputError("the program has loops, subprograms or variables in line " + std::to_string(each.number) +

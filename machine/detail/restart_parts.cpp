@@ -6,9 +6,25 @@
 #include <deque>
 #include <limits>
 
+#include "design/core/errors.h"
 #include "design/core/text.h"
 
 namespace lightmill::detail {
+
+std::size_t index_of_line(const std::vector<ProgramLine>& lines, long number) {
+  const auto found =
+      std::lower_bound(lines.begin(), lines.end(), number, [](const ProgramLine& line, long n) { return line.number < n; });
+  return static_cast<std::size_t>(found - lines.begin());
+}
+
+std::size_t index_to_go_on_at(const std::vector<ProgramLine>& lines, long number) {
+  const std::size_t index = index_of_line(lines, number);
+  if (number < 1 || index >= lines.size()) {
+    throw InputError("line " + std::to_string(number) + " is not in the program, which has lines 1 to " +
+                     std::to_string(lines.empty() ? 0 : lines.back().number));
+  }
+  return index;
+}
 
 std::size_t restart_index(const std::vector<LineFacts>& lines, bool low_without_spindle, double& overlap_mm) {
   struct Candidate {

@@ -7,9 +7,15 @@
 #include <vector>
 
 #include "machine/kinematics.h"
+#include "machine/program_lines.h"
 #include "machine/restart.h"
 
 namespace lightmill::detail {
+
+/// The index of a line of the text, or of the next one that is not blank.
+std::size_t index_of_line(const std::vector<ProgramLine>& lines, long number);
+/// The same for the line that a restart is asked for. Throws InputError if the program does not reach so far.
+std::size_t index_to_go_on_at(const std::vector<ProgramLine>& lines, long number);
 
 /// What a line does, as far as a restart asks.
 struct LineFacts {

@@ -67,6 +67,15 @@ struct Way {
   bool one_at_a_time, journal;
 };
 
+/// A machine that moves and cuts nothing, in the clock's time.
+SimulationOptions without_stock(const Clock& clock) {
+  SimulationOptions options;
+  options.remove_stock = false;
+  options.time_factor = 1;
+  options.clock = &clock;
+  return options;
+}
+
 /// From the press of the hold key to its byte on the wire, at random moments of a stream at 115,200 baud: the sender's
 /// loop, and the bytes that the system holds before it.
 int hold_latency(int count) {
@@ -80,10 +89,7 @@ int hold_latency(int count) {
   std::vector<double> latency_s;
   for (int i = 0; i < count; ++i) {
     VirtualClock clock;
-    SimulationOptions options;
-    options.remove_stock = false;
-    options.time_factor = 1;
-    options.clock = &clock;
+    const SimulationOptions options = without_stock(clock);
     OperatorSetup setup;
     setup.workpiece_origin_mm = {0, 0, -420};
     SimulatedMachine machine(machine_model(), setup, options);
@@ -137,10 +143,7 @@ long resident_kb() {
 int hours(double count, const std::string& text) {
   constexpr int kTools = 20;
   VirtualClock clock;
-  SimulationOptions options;
-  options.remove_stock = false;
-  options.time_factor = 1;
-  options.clock = &clock;
+  const SimulationOptions options = without_stock(clock);
   OperatorSetup setup;
   setup.workpiece_origin_mm = {0, 0, -420};
   for (int number = 1; number <= kTools; ++number) {

@@ -138,4 +138,12 @@ inline fs::path tiny_job(const ScratchFolder& folder, const std::string& from = 
   return folder / "tiny.toml";
 }
 
+/// The same for another machine file and its dialect, over whose zero the blank stands higher.
+inline fs::path tiny_job_on(const ScratchFolder& folder, const std::string& machine, const std::string& dialect) {
+  const fs::path job = tiny_job(folder, "workpiece_origin_mm = [7, -4, 0]",
+                                "file = \"" + fixture("machines/" + machine).string() + "\"\nworkpiece_origin_mm = [7, -4, 30]");
+  spill(job, slurp(job) + "\n[controller]\ndialect = \"" + dialect + "\"\n");
+  return job;
+}
+
 }  // namespace lightmill::test

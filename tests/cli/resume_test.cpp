@@ -144,11 +144,8 @@ TEST(Resume, TheSurfaceIsThatOfAnUndisturbedRun) {
 TEST(Resume, OnAControlThatRunsFilesWritesAProgram) {
   const ScratchFolder scratch;
   const fs::path run = scratch / "run";
-  spill(scratch / "job.toml",
-        slurp(tiny_job(scratch, "workpiece_origin_mm = [7, -4, 0]",
-                       "file = \"" + fixture("machines/trunnion_linuxcnc.toml").string() + "\"\nworkpiece_origin_mm = [7, -4, 30]")) +
-            "\n[controller]\ndialect = \"linuxcnc\"\n");
-  const CommandResult made = lightmill_command({"make", (scratch / "job.toml").string(), "-o", run.string(), "-q"});
+  const fs::path job = tiny_job_on(scratch, "trunnion_linuxcnc.toml", "linuxcnc");
+  const CommandResult made = lightmill_command({"make", job.string(), "-o", run.string(), "-q"});
   ASSERT_EQ(made.code, 0) << made.err;
   const std::string program = slurp(run / "program/30_finish.ngc");
   const long line = std::count(program.begin(), program.end(), '\n') / 2;

@@ -105,11 +105,8 @@ std::string bytes_of_port(const std::function<void(const std::string& port)>& ac
 TEST(StreamProtocols, DripFeedToAHeidenhainEndsWithEtxEot) {
   const ScratchFolder scratch;
   const fs::path run = scratch / "run";
-  spill(scratch / "job.toml",
-        slurp(tiny_job(scratch, "workpiece_origin_mm = [7, -4, 0]",
-                       "file = \"" + fixture("machines/mikron_hsm400u_itnc530.toml").string() + "\"\nworkpiece_origin_mm = [7, -4, 30]")) +
-            "\n[controller]\ndialect = \"heidenhain\"\n");
-  const CommandResult made = lightmill_command({"make", (scratch / "job.toml").string(), "-o", run.string(), "-q"});
+  const fs::path job = tiny_job_on(scratch, "mikron_hsm400u_itnc530.toml", "heidenhain");
+  const CommandResult made = lightmill_command({"make", job.string(), "-o", run.string(), "-q"});
   ASSERT_EQ(made.code, 0) << made.err;
   for (const char* name : {"20_SEMI_FINISH.H", "30_FINISH.H"}) fs::remove(run / "program" / name);
   const std::string bytes = bytes_of_port([&](const std::string& port) {
