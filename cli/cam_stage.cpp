@@ -191,8 +191,6 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
                                  {"most_diameter_mm", contact.most_diameter_mm},
                                  {"climb_share", contact.climb_share}};
   }
-  cam["finish"]["blur_mm"] = blur_on_screen_mm(job.finish.cutter.radius_mm(), job.finish.options.cusp_um, job.receiver.distance_mm,
-                                               job.lens.refractive_index, job.dry_run.polish_sigma_um / 1000);
   cam["rough"]["conventional_share"] = rough.cutting.conventional_share();
   cam["rough"]["strategy"] = rough.way == RoughWay::kLayers ? "layers" : "levels";
   cam["semi_finish"]["deepest_cut_mm"] = deepest_mm;

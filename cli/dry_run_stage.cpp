@@ -201,6 +201,8 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   report["gouge_tolerance_um"] = job.dry_run.gouge_tolerance_um;
   report["cusp_limit_um"] = job.dry_run.cusp_limit_um;
   report["polish_sigma_um"] = job.dry_run.polish_sigma_um;
+  report["cusp_blur_mm"] = blur_on_screen_mm(job.finish.cutter.radius_mm(), job.finish.options.cusp_um, job.receiver.distance_mm,
+                                             job.lens.refractive_index, job.dry_run.polish_sigma_um / 1000);
   report["limit_violations"] = kinds["limit"];
   report["collisions"] = kinds["collision"] + kinds["rapid_in_stock"];
   report["minutes"] = total_minutes(outcome.timing);

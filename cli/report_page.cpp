@@ -302,7 +302,6 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/cam/solid/volume_mm3", "volume", "mm³", 1);
   figures.row("/cam/blank/height_mm", "blank height", "mm", 1);
   figures.row("/cam/finish/predicted_cusp_um", "cusp that finishing plans", "µm", 2, job.dry_run.cusp_limit_um);
-  figures.row("/cam/finish/blur_mm", "blur that its cusps leave after the polish (model)", "mm", 3);
   figures.row("/cam/finish/contact/least_angle_deg", "finishing: contact from the axis, least", "°", 1);
   figures.row("/cam/finish/contact/most_angle_deg", "finishing: contact from the axis, most", "°", 1, 55.0);
   figures.row("/cam/finish/contact/slowest_m_per_min", "finishing: slowest cutting speed", "m/min", 0);
@@ -326,6 +325,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/dry_run/max_gouge_um", "deepest gouge", "µm", 2, job.dry_run.gouge_tolerance_um);
   figures.row("/dry_run/max_cusp_um", "highest cusp where the ball reaches", "µm", 2, job.dry_run.cusp_limit_um);
   figures.row("/dry_run/p99_cusp_um", "99 % of cusps are below", "µm", 2);
+  figures.row("/dry_run/cusp_blur_mm", "blur that the planned cusps leave after the polish (model)", "mm", 3);
   figures.row("/dry_run/residue_um", "material left where it does not reach", "µm", 1);
   figures.row("/dry_run/limit_violations", "axis limits passed", "", 0, 0.0);
   figures.row("/dry_run/collisions", "collisions and rapids through stock", "", 0, 0.0);

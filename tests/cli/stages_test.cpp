@@ -106,6 +106,7 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   EXPECT_LT(report.at("/design/caustic/l1_error"_json_pointer), 0.1);
   EXPECT_LT(report.at("/cam/reachable/caustic/l1_error"_json_pointer), 0.2) << "before cusps and polish";
   EXPECT_EQ(report.at("/dry_run/link/digest_matches"_json_pointer), true);
+  EXPECT_EQ(report.at("/dry_run/cusp_blur_mm"_json_pointer), blur_on_screen_mm(2, 4, 80, 1.49, 0.15)) << "of 4 um, polished with 150 um";
   // Every block takes its time: the passes' times are the whole, and longer than what the feeds alone ask for.
   double minutes = 0;
   for (const char* pass : {"rough", "semi_finish", "finish"}) {
@@ -461,6 +462,21 @@ void expect_map_of_picture(const fs::path& file) {
   EXPECT_NEAR(total, 1, 1e-12);
   EXPECT_LT(std::sqrt(squares), 0.04) << "the raster's own noise";
   EXPECT_LT(std::sqrt(way), 0.04) << "mm";
+}
+
+TEST(Stages, APolishAsksForNewPassesWhereTheCuspFollowsFromIt) {
+  const ScratchFolder scratch;
+  RunFolder folder(scratch / "run", true);
+  for (const char* made : {"design/surface.ply", "cam/spline.bin"}) spill(folder.file(made), "as designed");
+  const auto digest = [&](Stage stage, const std::string& finish, const std::string& polish_um) {
+    const std::string text = "[target]\nimage = \"" + fixture("pictures/astronaut.png").string() + "\"\n[finish]\n" + finish + "\n[dry_run]\npolish_sigma_um = " + polish_um + "\n";
+    const std::string result = stage_digest(stage, read_job_text(text, "a.toml", scratch / ""), folder);
+    EXPECT_FALSE(result.empty());
+    return result;
+  };
+  EXPECT_NE(digest(Stage::kCam, "blur_mm = 0.4", "50"), digest(Stage::kCam, "blur_mm = 0.4", "60"));
+  EXPECT_EQ(digest(Stage::kCam, "cusp_um = 1.3", "50"), digest(Stage::kCam, "cusp_um = 1.3", "60"));
+  EXPECT_NE(digest(Stage::kDryRun, "cusp_um = 1.3", "50"), digest(Stage::kDryRun, "cusp_um = 1.3", "60")) << "which reports what cusps and polish leave";
 }
 
 TEST(Stages, AnySourceLightIsTransportedAndBentByASurface) {
