@@ -48,7 +48,7 @@ constexpr double kMoreDamping = 4;
 constexpr double kGoodRatio = 0.7;  // of the dual's fall to the predicted one, above which damping becomes less, and
 constexpr double kBadRatio = 0.3;   // below which it becomes more
 constexpr double kTimidRatio = 1.5; // and above which thin cells are damped less
-constexpr double kGoodError = 0.7;  // of the l1 errors after and before a step that is good whatever the dual says
+constexpr double kGoodError = 0.7;  // of a step's l1 error to the least so far, when it is good whatever the dual says
 constexpr double kTimid = 0.7;       // of the slope that a step leaves, above which a longer one is searched
 constexpr double kPart = 0.25;      // of a step that went too far, tried first
 constexpr int kMostSearch = 60;     // evaluations along it
@@ -320,7 +320,9 @@ class Level {
     double damping = std::min(kDampingPerError * now.l1_error, 1.0);
     double thin_damping = 1;
     now = relaxed(std::move(now));
+    double least_error = now.l1_error;  // so far: no error excuses a rise of the dual twice, or steps go in circles
     while (!goal.reached(now) && evaluations_ < budget_ && damping < kMostDamping) {
+      least_error = std::min(least_error, now.l1_error);
       monitor.report("transport, " + std::to_string(sampling_.sites.size()) + " samples: " + now.words(),
                      progress(now));
       Stopwatch watch;
@@ -333,7 +335,7 @@ class Level {
       const auto ratio_of = [&](const Evaluation& trial) {
         double ratio = (now.value - trial.value) / (slope / 2);
         if (lost_in_rounding) ratio = nearer_to(goal, trial, now) ? 1 : -1;
-        return trial.l1_error < kGoodError * now.l1_error ? std::max(ratio, kGoodRatio) : ratio;
+        return trial.l1_error < kGoodError * least_error ? std::max(ratio, kGoodRatio) : ratio;
       };
       Evaluation trial = evaluate(plus(now.psi, -1, step));
       const bool timid = dot(trial.gradient, step) > kTimid * slope;
