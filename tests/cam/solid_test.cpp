@@ -7,6 +7,7 @@
 
 #include "cam/detail/spline_refinement.h"
 #include "design/core/files.h"
+#include "tests/scratch_folder.h"
 
 namespace lightmill {
 namespace {
@@ -15,14 +16,7 @@ namespace fs = std::filesystem;
 
 class Solid : public testing::Test {
  protected:
-  void SetUp() override {
-    folder_ = fs::temp_directory_path() /
-              (std::string("lightmill_solid_") + testing::UnitTest::GetInstance()->current_test_info()->name());
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-  fs::path folder_;
+  test::ScratchFolder folder_;
 };
 
 /// The spline that is a0 + a x^2 + b y^2 + c x y exactly: on uniform knots of width w the coefficient of x^2 is x^2 -
@@ -273,7 +267,7 @@ TEST_F(Solid, RefusesMountingFeaturesThatDoNotFitTheLand) {
   });
   refused("'&' is not among the letters", [](SolidOptions& o) { o.mount.label = "A&B"; });
   refused("mount.label: the hole", [](SolidOptions& o) { o.mount.label = "TOO LONG FOR THE LAND"; });
-  EXPECT_TRUE(fs::is_empty(folder_));
+  EXPECT_TRUE(fs::is_empty(folder_.root()));
 }
 
 TEST_F(Solid, IsSilentAndKeepsTheFolderClean) {
@@ -288,7 +282,7 @@ TEST_F(Solid, IsSilentAndKeepsTheFolderClean) {
 
 TEST_F(Solid, RefusesASurfaceThroughTheBackAndLeavesNothing) {
   EXPECT_THROW(write_lens_step(folder_ / "lens.step", paraboloid(kExtent, 5, 4, 0.5, -0.01, 0, 0), {.product_name = "thin"}), InputError);
-  EXPECT_TRUE(fs::is_empty(folder_));
+  EXPECT_TRUE(fs::is_empty(folder_.root()));
 }
 
 TEST_F(Solid, AStopLeavesNothing) {
@@ -297,7 +291,7 @@ TEST_F(Solid, AStopLeavesNothing) {
   monitor.should_stop = [&] { return ++calls > 2; };
   EXPECT_THROW(write_lens_step(folder_ / "lens.step", paraboloid(kExtent, 5, 4, 12, 0, 0, 0), {.product_name = "stopped"}, monitor),
                Stopped);
-  EXPECT_TRUE(fs::is_empty(folder_));
+  EXPECT_TRUE(fs::is_empty(folder_.root()));
 }
 
 TEST_F(Solid, AFolderThatCannotBeIsAnIoError) {

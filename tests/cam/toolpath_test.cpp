@@ -1,7 +1,6 @@
 #include "cam/toolpath.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -9,12 +8,14 @@
 
 #include "design/core/errors.h"
 #include "design/core/files.h"
+#include "tests/scratch_folder.h"
 
 namespace lightmill {
 namespace {
 
 std::filesystem::path file(const std::string& name) {
-  return std::filesystem::path(::testing::TempDir()) / (std::to_string(::getpid()) + "_" + name);
+  static const test::ScratchFolder folder;
+  return folder / name;
 }
 
 std::vector<ToolPath> some_passes() {

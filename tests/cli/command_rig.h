@@ -14,30 +14,11 @@
 #include <string>
 #include <vector>
 
+#include "tests/scratch_folder.h"
+
 namespace lightmill::test {
 
 namespace fs = std::filesystem;
-
-/// A folder of its own for one test.
-class ScratchFolder {
- public:
-  ScratchFolder() {
-    std::string pattern = (fs::temp_directory_path() / "lightmill_cli_XXXXXX").string();
-    if (!mkdtemp(pattern.data())) std::abort();
-    root_ = pattern;
-  }
-  ~ScratchFolder() {
-    std::error_code error;
-    fs::remove_all(root_, error);
-  }
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-  [[nodiscard]] fs::path operator/(const std::string& name) const { return root_ / name; }
-  [[nodiscard]] const fs::path& root() const { return root_; }
-
- private:
-  fs::path root_;
-};
 
 inline std::string slurp(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);

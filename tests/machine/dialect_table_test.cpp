@@ -62,7 +62,7 @@ std::string read_back(const Made& made) {
 }
 
 std::string rs274(const Made& made) {
-  const test::Rs274Run run = test::run_rs274(made, "table_" + made.machine.controller);
+  const test::Rs274Run run = test::run_rs274(made);
   const auto feeds = [](const auto& c) { return c.call == "STRAIGHT_FEED"; };
   return "exit " + std::to_string(run.exit_code) + ", " +
          std::to_string(std::count_if(run.calls.begin(), run.calls.end(), feeds)) + " feed moves";

@@ -11,6 +11,7 @@
 #include "design/core/files.h"
 #include "design/core/text.h"
 #include "tests/postproc/programs.h"
+#include "tests/scratch_folder.h"
 
 namespace lightmill {
 namespace {
@@ -35,9 +36,7 @@ TEST(LinuxCncHeadless, ItsKinematicsGiveThePlannedJoints) {
     if (line == "M428" || line == "M429") on = line == "M428";
     if (on && line != "M428") text += "G4 P0.1\n";
   }
-  const auto folder = std::filesystem::path(testing::TempDir()) / "linuxcnc_headless";
-  std::filesystem::remove_all(folder);
-  std::filesystem::create_directories(folder);
+  const test::ScratchFolder folder;
   write_whole(folder / "in.ngc", text);
   const Cutter& cutter = path.cutter;
   write_whole(folder / "in.tbl", "T" + std::to_string(cutter.number) + " P1 Z" + fixed(cutter.length_mm, 6) + " D" +

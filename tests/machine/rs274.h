@@ -1,8 +1,6 @@
 // LinuxCNC's own interpreter beside ours: the canonical motion that its rs274 makes of a program.
 #pragma once
 
-#include <unistd.h>
-
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -13,6 +11,7 @@
 
 #include "design/core/files.h"
 #include "machine/program_reader.h"
+#include "tests/scratch_folder.h"
 
 namespace lightmill::test {
 
@@ -35,9 +34,6 @@ class Rs274 {
  public:
   /// Tools 1 to 55 of this diameter and no length.
   explicit Rs274(double diameter_mm = 4) {
-    const char* const home = std::getenv("TMPDIR");
-    folder_ = std::filesystem::path(home != nullptr ? home : "/tmp") / ("lightmill_rs274_" + std::to_string(getpid()));
-    std::filesystem::create_directories(folder_);
     std::ofstream(folder_ / "mm.ini") << "[TRAJ]\nLINEAR_UNITS = mm\n[RS274NGC]\nPARAMETER_FILE = prog.var\n";
     std::ofstream tools(folder_ / "tool.tbl");
     char line[100];
@@ -46,9 +42,6 @@ class Rs274 {
       tools << line;
     }
   }
-  ~Rs274() { std::filesystem::remove_all(folder_); }
-  Rs274(const Rs274&) = delete;
-  Rs274& operator=(const Rs274&) = delete;
 
   static bool installed() { return std::system("command -v rs274 > /dev/null") == 0; }
 
@@ -58,7 +51,7 @@ class Rs274 {
   }
   CanonRun run_file(const std::filesystem::path& program) const {
     // A HOME of its own: rs274 empties the user's tool table.
-    const std::string command = "cd '" + folder_.string() +
+    const std::string command = "cd '" + folder_.root().string() +
                                 "' && rm -f out.txt prog.var && HOME=. timeout 20 rs274 -g -i mm.ini -t tool.tbl '" +
                                 program.string() + "' out.txt > log.txt 2>&1";
     const int status = std::system(command.c_str());
@@ -135,7 +128,7 @@ class Rs274 {
     return run;
   }
 
-  std::filesystem::path folder_;
+  ScratchFolder folder_;
 };
 
 inline std::string call(const ProgramStep& step) {

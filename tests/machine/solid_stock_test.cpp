@@ -14,6 +14,7 @@
 #include "machine/detail/stock_tool.h"
 #include "machine/detail/swept_body.h"
 #include "machine/stock_model.h"
+#include "tests/scratch_folder.h"
 
 namespace lightmill {
 namespace {
@@ -304,7 +305,7 @@ TEST(SolidStock, ItsMemoryIsCountedAndBounded) {
 }
 
 TEST(SolidStock, FilesReadBackAsWritten) {
-  const auto folder = std::filesystem::temp_directory_path() / "lightmill_solid";
+  const test::ScratchFolder folder;
   const Vec3 axis = leaning(60, 0);
   const Blank blank{{10.05, 7.33}, 4.01};
   const SolidStock solid = milled(mill(1, 0), {{{2, -9, 2}, axis}, {{2, 9, 2}, axis}}, blank);
@@ -317,7 +318,6 @@ TEST(SolidStock, FilesReadBackAsWritten) {
     write_whole(folder / "cut.bin", bytes.substr(0, size));
     EXPECT_THROW(SolidStock::read(folder / "cut.bin"), InputError) << size;
   }
-  std::filesystem::remove_all(folder);
 }
 
 }  // namespace

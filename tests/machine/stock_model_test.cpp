@@ -8,6 +8,7 @@
 
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
+#include "tests/scratch_folder.h"
 
 namespace lightmill {
 namespace {
@@ -839,8 +840,7 @@ TEST(StockModel, AHolderUnderAnOverhangMeetsTheSolidAndNotTheHeights) {
 }
 
 TEST(StockModel, FilesReadBackAsWritten) {
-  const auto folder = std::filesystem::temp_directory_path() / "lightmill_stock_test";
-  std::filesystem::create_directories(folder);
+  const test::ScratchFolder folder;
   const auto path = folder / "machined.tif";
   const MachinedSurface surface =
       cut({{5, 3}, 4}, 0.05, ball(4), {pose_of_centre({-4, 0.7, 5}, 2), pose_of_centre({4, -0.3, 4.5}, 2)});
@@ -854,7 +854,6 @@ TEST(StockModel, FilesReadBackAsWritten) {
   EXPECT_EQ(back.removed_mm3, surface.removed_mm3);
   std::filesystem::remove(folder / "machined.json");
   EXPECT_THROW(read_machined(path), InputError);
-  std::filesystem::remove_all(folder);
 }
 
 TEST(StockModel, RefusesWhatCannotBe) {

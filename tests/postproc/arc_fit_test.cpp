@@ -211,7 +211,7 @@ TEST(ArcsInRs274, AreWhatWasWritten) {
   options.arc_tolerance_mm = kTolerance_mm;
   const Made made =
       test::make(machine, work_on_table(machine, {23, -17, 30}, 54), test::fixed_rows(0, 0, 3, 150), options);
-  const test::Rs274Run run = test::run_rs274(made, "arcs");
+  const test::Rs274Run run = test::run_rs274(made);
   ASSERT_EQ(run.exit_code, 0) << run.errors;
   const auto arcs = [](const test::Canonical& c) { return c.call == "ARC_FEED"; };
   EXPECT_EQ(static_cast<std::size_t>(std::count_if(run.calls.begin(), run.calls.end(), arcs)), made.program.arcs);

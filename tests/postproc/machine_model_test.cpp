@@ -8,6 +8,7 @@
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "tests/postproc/support.h"
+#include "tests/scratch_folder.h"
 
 namespace lightmill {
 namespace {
@@ -22,7 +23,8 @@ std::string complaint(const std::string& find, const std::string& replace) {
   const std::size_t at = text.find(find);
   EXPECT_NE(at, std::string::npos) << find;
   text.replace(at, find.size(), replace);
-  const auto path = std::filesystem::path(testing::TempDir()) / "machine_model_test.toml";
+  const test::ScratchFolder folder;
+  const auto path = folder / "machine_model_test.toml";
   write_whole(path, text);
   try {
     read_machine(path);
@@ -104,7 +106,8 @@ TEST(ReadMachine, TakesJerkParkAndStraightRapids) {
   text.replace(text.find("acceleration_deg_per_s2"), 0, "jerk_deg_per_s3 = 36000\n");
   text.replace(text.find("retract_z_mm"), 0, "park_mm = [12, 34]\n");
   text.replace(text.find("kind = "), 0, "straight_rapids = false\n");
-  const auto path = std::filesystem::path(testing::TempDir()) / "machine_model_jerk.toml";
+  const test::ScratchFolder folder;
+  const auto path = folder / "machine_model_jerk.toml";
   write_whole(path, text);
   const MachineModel machine = read_machine(path);
   EXPECT_EQ(machine.x.jerk_mm_per_s3, 250000);
@@ -121,7 +124,8 @@ TEST(ReadMachine, TakesJerkParkAndStraightRapids) {
 TEST(ReadMachine, NormalisesAxes) {
   std::string text = read_whole(kFixture);
   text.replace(text.find("[0.0, 1.0, 0.0]"), 15, "[0.0, 3.0, 4.0]");
-  const auto path = std::filesystem::path(testing::TempDir()) / "machine_model_axis.toml";
+  const test::ScratchFolder folder;
+  const auto path = folder / "machine_model_axis.toml";
   write_whole(path, text);
   EXPECT_LT((read_machine(path).outer.axis - Vec3(0, 0.6, 0.8)).norm(), 1e-15);
 }

@@ -363,16 +363,16 @@ void expect_plan_arrives(const Made& made, const Rs274Run& run) {
 TEST(Rs274, ReadsAFixedProgram) {
   if (!has_rs274()) GTEST_SKIP() << "rs274 is not installed: apt-get install --no-install-recommends linuxcnc-uspace";
   const Made made = make_fixed();
-  const Rs274Run run = run_rs274(made, "fixed");
+  const Rs274Run run = run_rs274(made);
   expect_plan_arrives(made, run);
 }
 
 TEST(Rs274, ReadsATurningProgram) {
   if (!has_rs274()) GTEST_SKIP() << "rs274 is not installed: apt-get install --no-install-recommends linuxcnc-uspace";
-  expect_plan_arrives(make_unwinding(), run_rs274(make_unwinding(), "unwinding"));
+  expect_plan_arrives(make_unwinding(), run_rs274(make_unwinding()));
   for (const bool numbers : {false, true}) {
     const Made made = make_turning(with_block_numbers(numbers));
-    expect_plan_arrives(made, run_rs274(made, "turning"));
+    expect_plan_arrives(made, run_rs274(made));
   }
 }
 
@@ -380,7 +380,7 @@ TEST(Rs274, ReadsTheLinuxCncDialect) {
   if (!has_rs274()) GTEST_SKIP() << "rs274 is not installed: apt-get install --no-install-recommends linuxcnc-uspace";
   for (const bool turning : {false, true}) {
     const Made made = make_for("linuxcnc", turning);
-    expect_plan_arrives(made, run_rs274(made, "linuxcnc"));
+    expect_plan_arrives(made, run_rs274(made));
   }
 }
 
@@ -389,7 +389,7 @@ TEST(Rs274, ReadsTheLinuxCncDialectUnderTcp) {
   if (!has_rs274()) GTEST_SKIP() << "rs274 is not installed: apt-get install --no-install-recommends linuxcnc-uspace";
   for (const bool turning : {false, true}) {
     const Made made = make_for("linuxcnc", turning, true);
-    const Rs274Run run = run_rs274(made, "linuxcnc_tcp");
+    const Rs274Run run = run_rs274(made);
     EXPECT_EQ(run.exit_code, 0) << run.errors;
     std::size_t next = 0;
     for (const Canonical& c : run.calls) {
@@ -420,7 +420,7 @@ TEST(Rs274, RefusesABrokenProgram) {
   std::string& text = made.program.text;
   const std::size_t f = text.find(" F", text.find("G93\n"));
   text.erase(f, text.find('\n', f) - f);
-  const Rs274Run run = run_rs274(made, "broken");
+  const Rs274Run run = run_rs274(made);
   EXPECT_NE(run.exit_code, 0);
   EXPECT_THAT(run.errors, HasSubstr("F word missing"));
 }

@@ -14,6 +14,7 @@
 #include "design/core/files.h"
 #include "design/core/text.h"
 #include "tests/postproc/programs.h"
+#include "tests/scratch_folder.h"
 
 namespace lightmill::test {
 
@@ -32,15 +33,13 @@ inline bool has_rs274() {
   return std::system("command -v rs274 > /dev/null 2>&1") == 0;
 }
 
-inline Rs274Run run_rs274(const Made& made, const std::string& name) {
+inline Rs274Run run_rs274(const Made& made) {
   // A folder and HOME of its own: rs274 truncates the user's ~/.tool.mmap.
-  const auto folder = std::filesystem::path(testing::TempDir()) / ("rs274_" + name);
-  std::filesystem::remove_all(folder);
-  std::filesystem::create_directories(folder);
+  const ScratchFolder folder;
   const Cutter& cutter = made.path.cutter;
   // M428 and M429 as the trunnion configurations have them: remaps, here to subprograms that only say so.
   write_whole(folder / "mm.ini",
-              "[TRAJ]\nLINEAR_UNITS = mm\n[RS274NGC]\nPARAMETER_FILE = prog.var\nSUBROUTINE_PATH = " + folder.string() +
+              "[TRAJ]\nLINEAR_UNITS = mm\n[RS274NGC]\nPARAMETER_FILE = prog.var\nSUBROUTINE_PATH = " + folder.root().string() +
                   "\nREMAP=M428 modalgroup=10 ngc=428remap\nREMAP=M429 modalgroup=10 "
                   "ngc=429remap\n");
   for (const std::string m : {"428", "429"}) {
@@ -49,7 +48,7 @@ inline Rs274Run run_rs274(const Made& made, const std::string& name) {
   write_whole(folder / "tool.tbl", "T" + std::to_string(cutter.number) + " P1 D" + fixed(cutter.diameter_mm / 25.4, 8) +
                                        " Z+" + fixed(cutter.length_mm / 25.4, 8) + " ;inches\n");  // 2.9 reads inches
   write_whole(folder / made.program.file_name, made.program.text);
-  const std::string command = "cd '" + folder.string() + "' && HOME='" + folder.string() +
+  const std::string command = "cd '" + folder.root().string() + "' && HOME='" + folder.root().string() +
                               "' rs274 -g -i mm.ini -t tool.tbl " + made.program.file_name + " out.txt > log.txt 2>&1";
   Rs274Run run;
   const int status = std::system(command.c_str());
