@@ -2,13 +2,13 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <string>
 #include <vector>
 
 #include "cam/detail/ball_contact.h"
+#include "cam/detail/spline_hull.h"
 #include "cam/outline_region.h"
 #include "design/core/parallel.h"
 
@@ -24,106 +24,27 @@ constexpr double kReachedMm = 2e-5;
 constexpr double kGainMm = 5e-6;
 
 // ------------------------------------------------------------------------------------------------------------------
-// Where the ball fits everywhere: bounds on slope and curvature of every span from the convex hull of B-splines.
-
-/// Functions of x (or y) on one cell as combinations of four coefficients from `first` on: the value, the slope and the
-/// curvature at any place of the cell lie in the convex hull of theirs.
-struct CellFunctionals {
-  int first = 0;
-  std::vector<std::array<double, 4>> value, slope, curvature;
-};
-
-/// Cells are spans of the padded surface, also outside of [0, spans), where it goes straight on.
-CellFunctionals cell_functionals(int cell, int spans, double per_mm) {
-  CellFunctionals f;
-  if (cell >= 0 && cell < spans) {
-    f.first = cell;
-    for (int i = 0; i < 4; ++i) {
-      f.value.push_back({});
-      f.value.back()[i] = 1;
-    }
-    for (int i = 0; i < 3; ++i) {
-      f.slope.push_back({});
-      f.slope.back()[i] = -per_mm;
-      f.slope.back()[i + 1] = per_mm;
-    }
-    for (int i = 0; i < 2; ++i) {
-      f.curvature.push_back({});
-      f.curvature.back()[i] = f.curvature.back()[i + 2] = per_mm * per_mm;
-      f.curvature.back()[i + 1] = -2 * per_mm * per_mm;
-    }
-    return f;
-  }
-  for (int end = 0; end < 2; ++end) {
-    const detail::SplineBasis b = detail::spline_basis((cell + end) / per_mm, per_mm, spans);
-    f.first = b.first;
-    f.value.push_back({b.value[0], b.value[1], b.value[2], b.value[3]});
-    if (end == 0) f.slope.push_back({b.slope[0], b.slope[1], b.slope[2], b.slope[3]});
-  }
-  return f;
-}
-
-struct Range {
-  double least = kInfinity, most = -kInfinity;
-  [[nodiscard]] double magnitude() const { return std::max(std::abs(least), std::abs(most)); }
-};
-
-using Functionals = std::vector<std::array<double, 4>>;
-
-Range range(const double (&block)[4][4], const Functionals& along_x, const Functionals& along_y) {
-  Range r;
-  if (along_x.empty() || along_y.empty()) r.least = r.most = 0;
-  for (const auto& fy : along_y) {
-    double row[4];
-    for (int i = 0; i < 4; ++i) {
-      row[i] = fy[0] * block[0][i] + fy[1] * block[1][i] + fy[2] * block[2][i] + fy[3] * block[3][i];
-    }
-    for (const auto& fx : along_x) {
-      const double v = fx[0] * row[0] + fx[1] * row[1] + fx[2] * row[2] + fx[3] * row[3];
-      r.least = std::min(r.least, v);
-      r.most = std::max(r.most, v);
-    }
-  }
-  return r;
-}
+// Where the ball fits everywhere.
 
 /// Says whether a region has no place where the surface is too hollow for the ball.
 class HollowMap {
  public:
-  HollowMap(const SplineSurface& surface, double radius_mm) : per_mm_(surface.span_mm().cwiseInverse()) {
-    // Regions asked for lie at most 2 R outside the lens.
-    margin_x_ = static_cast<int>(std::ceil(2 * radius_mm * per_mm_.x())) + 1;
-    margin_y_ = static_cast<int>(std::ceil(2 * radius_mm * per_mm_.y())) + 1;
-    first_ = surface.extent().min;
-    const int nx = surface.spans_x() + 2 * margin_x_;
-    const int ny = surface.spans_y() + 2 * margin_y_;
-    constexpr int kPadding = SplineSurface::kPadding;
-    std::vector<CellFunctionals> fx, fy;
-    for (int i = 0; i < nx; ++i) {
-      fx.push_back(cell_functionals(i - margin_x_ + kPadding, surface.spans_x() + 2 * kPadding, per_mm_.x()));
-    }
-    for (int j = 0; j < ny; ++j) {
-      fy.push_back(cell_functionals(j - margin_y_ + kPadding, surface.spans_y() + 2 * kPadding, per_mm_.y()));
-    }
+  /// Of regions that lie at most 2 R outside the lens.
+  HollowMap(const SplineSurface& surface, double radius_mm) : hull_(surface, 2 * radius_mm) {
+    const int nx = hull_.cells_x(), ny = hull_.cells_y();
     sums_ = Grid<int>(nx + 1, ny + 1, 0);
     std::vector<double> steepest2(ny, 0);
     Grid<unsigned char> hollow(nx, ny, 0);
     parallel_blocks(ny, 8, [&](std::size_t begin, std::size_t end) {
       for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
         for (int i = 0; i < nx; ++i) {
-          double block[4][4];
-          for (int b = 0; b < 4; ++b) {
-            for (int a = 0; a < 4; ++a)
-              block[b][a] = surface.padded_coefficients().at(fx[i].first + a, fy[j].first + b);
-          }
-          const double hx = range(block, fx[i].slope, fy[j].value).magnitude();
-          const double hy = range(block, fx[i].value, fy[j].slope).magnitude();
+          const auto slopes = hull_.slopes(i, j);
+          const double hx = slopes.x.magnitude(), hy = slopes.y.magnitude();
           steepest2[j] = std::max(steepest2[j], hx * hx + hy * hy);
           // The largest eigenvalue of the Hessian grows with hxx, hyy and |hxy|.
-          const double hxx = range(block, fx[i].curvature, fy[j].value).most;
-          const double hyy = range(block, fx[i].value, fy[j].curvature).most;
-          const double hxy = range(block, fx[i].slope, fy[j].slope).magnitude();
-          hollow.at(i, j) = (hxx + hyy) / 2 + std::hypot((hxx - hyy) / 2, hxy) >= 1 / radius_mm;
+          const auto bends = hull_.curvatures(i, j);
+          const double hxx = bends.xx.most, hyy = bends.yy.most;
+          hollow.at(i, j) = (hxx + hyy) / 2 + std::hypot((hxx - hyy) / 2, bends.xy.magnitude()) >= 1 / radius_mm;
         }
       }
     });
@@ -139,20 +60,13 @@ class HollowMap {
 
   /// No point within `half_mm` of (x, y), along x and y, has a second derivative in any direction of 1 / R or more.
   [[nodiscard]] bool fits(double x, double y, double half_mm) const {
-    const auto cell = [](double along, double per_mm, int margin, int cells) {
-      return std::clamp(static_cast<int>(std::floor(along * per_mm)) + margin, 0, cells - 1);
-    };
-    const int i0 = cell(x - half_mm - first_.x(), per_mm_.x(), margin_x_, sums_.width - 1);
-    const int i1 = cell(x + half_mm - first_.x(), per_mm_.x(), margin_x_, sums_.width - 1) + 1;
-    const int j0 = cell(y - half_mm - first_.y(), per_mm_.y(), margin_y_, sums_.height - 1);
-    const int j1 = cell(y + half_mm - first_.y(), per_mm_.y(), margin_y_, sums_.height - 1) + 1;
+    const int i0 = hull_.column(x - half_mm), i1 = hull_.column(x + half_mm) + 1;
+    const int j0 = hull_.row(y - half_mm), j1 = hull_.row(y + half_mm) + 1;
     return sums_.at(i1, j1) - sums_.at(i0, j1) - sums_.at(i1, j0) + sums_.at(i0, j0) == 0;
   }
 
  private:
-  Vec2 first_;
-  Vec2 per_mm_;
-  int margin_x_ = 0, margin_y_ = 0;
+  detail::SplineHull hull_;
   double steepest_ = 0;
   Grid<int> sums_;  ///< of hollow cells left of and below
 };

@@ -69,19 +69,35 @@ Grid<double> padded(const Grid<double>& inner, int padding) {
   return result;
 }
 
+/// The best of 8 x 8 points a span; spans whose coefficients, between which the surface lies, are no better than that are passed over.
 template <typename Better>
 double extreme(const SplineSurface& surface, Better better) {
   constexpr int kPerSpan = 8;
+  constexpr double kRoundedMm = 1e-9;
   const Box2& extent = surface.extent();
+  const Grid<double>& c = surface.coefficients();
   const int nx = surface.spans_x() * kPerSpan;
   const int ny = surface.spans_y() * kPerSpan;
   double best = surface.height(extent.min.x(), extent.min.y());
-  for (int j = 0; j <= ny; ++j) {
-    const double y = extent.min.y() + extent.size().y() * j / ny;
-    for (int i = 0; i <= nx; ++i) {
-      const double h = surface.height(extent.min.x() + extent.size().x() * i / nx, y);
-      if (better(h, best)) best = h;
+  const auto look_at_span = [&](int column, int row) {
+    double bound = c.at(column, row);
+    for (int j = row; j < row + 4; ++j) {
+      for (int i = column; i < column + 4; ++i) bound = better(c.at(i, j), bound) ? c.at(i, j) : bound;
     }
+    if (!better(bound, best) && std::abs(bound - best) > kRoundedMm) return;
+    for (int j = row * kPerSpan; j <= (row + 1) * kPerSpan; ++j) {
+      const double y = extent.min.y() + extent.size().y() * j / ny;
+      for (int i = column * kPerSpan; i <= (column + 1) * kPerSpan; ++i) {
+        const double h = surface.height(extent.min.x() + extent.size().x() * i / nx, y);
+        if (better(h, best)) best = h;
+      }
+    }
+  };
+  // Around the best coefficient first, then few spans are left to look at.
+  const auto top = std::min_element(c.values.begin(), c.values.end(), better) - c.values.begin();
+  look_at_span(std::min(static_cast<int>(top % c.width), surface.spans_x() - 1), std::min(static_cast<int>(top / c.width), surface.spans_y() - 1));
+  for (int row = 0; row < surface.spans_y(); ++row) {
+    for (int column = 0; column < surface.spans_x(); ++column) look_at_span(column, row);
   }
   return best;
 }

@@ -3,6 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <vector>
+
+#include "cam/detail/spline_hull.h"
+#include "design/core/parallel.h"
 
 namespace lightmill::detail {
 
@@ -67,6 +71,14 @@ Contact climb(const SplineSurface& surface, double radius, const Vec2& centre, c
   return best;
 }
 
+/// Outermost place of a contact along x (to the side of `sign`), for that outermost slope along x and slopes across.
+float reach_along(double radius, double slope, const Range& across, int sign) {
+  const double least = across.least <= 0 && across.most >= 0 ? 0 : std::min(std::abs(across.least), std::abs(across.most));
+  const double beside = slope * sign > 0 ? least : across.magnitude();
+  constexpr double kRoundedMm = 1e-5;  // slopes are floats
+  return static_cast<float>(radius * slope / std::sqrt(1 + slope * slope + beside * beside) + sign * kRoundedMm);
+}
+
 }  // namespace
 
 Turn Turn::by(double angle_rad) {
@@ -87,32 +99,85 @@ BallContact::BallContact(const SplineSurface& surface, double radius_mm, double 
   pitch_mm_ = Vec2(size.x() / nx, size.y() / ny);
   samples_ = Grid<float>(nx + 1, ny + 1);
   base_mm_ = surface.height(extent.centre().x(), extent.centre().y());
-  double steepest2 = 0;
-  double bend = 0;  // of the surface, 1/mm
-  for (int j = 0; j <= ny; ++j) {
-    for (int i = 0; i <= nx; ++i) {
-      const auto s = surface.sample(first_.x() + i * pitch_mm_.x(), first_.y() + j * pitch_mm_.y());
-      samples_.at(i, j) = static_cast<float>(s.h - base_mm_);
-      steepest2 = std::max(steepest2, s.hx * s.hx + s.hy * s.hy);
-      bend = std::max(bend, std::abs(s.hxx) + std::abs(s.hxy) + std::abs(s.hyy));
+  std::vector<double> steepest2(ny + 1, 0);
+  std::vector<double> bend(ny + 1, 0);  // of the surface, 1/mm
+  parallel_blocks(ny + 1, 16, [&](std::size_t begin, std::size_t end) {
+    for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
+      for (int i = 0; i <= nx; ++i) {
+        const auto s = surface.sample(first_.x() + i * pitch_mm_.x(), first_.y() + j * pitch_mm_.y());
+        samples_.at(i, j) = static_cast<float>(s.h - base_mm_);
+        steepest2[j] = std::max(steepest2[j], s.hx * s.hx + s.hy * s.hy);
+        bend[j] = std::max(bend[j], std::abs(s.hxx) + std::abs(s.hxy) + std::abs(s.hyy));
+      }
     }
-  }
+  });
   // Between samples a slope can be a little steeper.
-  steepest_ = 1.05 * std::sqrt(steepest2) + 0.01;
-  reach_mm_ = radius_mm * steepest_ / std::sqrt(1 + steepest_ * steepest_);
+  const double steepest = 1.05 * std::sqrt(*std::max_element(steepest2.begin(), steepest2.end())) + 0.01;
   // A sample lies within half a cell's diagonal of any maximum of f, and there f is lower by at most half its curvature
   // (the ball's at the steepest contact, and the surface's) times the square of that.
-  const double curvature = std::pow(1 + steepest_ * steepest_, 1.5) / radius_mm + bend;
+  const double curvature = std::pow(1 + steepest * steepest, 1.5) / radius_mm + *std::max_element(bend.begin(), bend.end());
   missed_mm_ = std::min(0.5 * radius_mm, curvature / 2 * pitch_mm_.squaredNorm() / 4);
+  reaches_ = reaches();
+}
+
+Grid<BallContact::Reach> BallContact::reaches() const {
+  const double margin = surface_->extent().min.x() - first_.x() + radius_mm_;
+  const SplineHull hull(*surface_, margin);
+  Grid<std::array<float, 4>> slopes(hull.cells_x(), hull.cells_y());  // least and most along x, y
+  parallel_blocks(slopes.height, 16, [&](std::size_t begin, std::size_t end) {
+    for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
+      for (int i = 0; i < slopes.width; ++i) {
+        const auto s = hull.slopes(i, j);
+        slopes.at(i, j) = {static_cast<float>(s.x.least), static_cast<float>(s.x.most), static_cast<float>(s.y.least), static_cast<float>(s.y.most)};
+      }
+    }
+  });
+  // Where contacts can be bounds the slopes there, and slopes where contacts can be.
+  const auto narrowed = [&](const Vec2& low, const Vec2& high, Reach reach, int rounds) {
+    for (int round = 0; round < rounds; ++round) {
+      Range x, y;
+      for (int j = hull.row(low.y() + reach.min_y); j <= hull.row(high.y() + reach.max_y); ++j) {
+        for (int i = hull.column(low.x() + reach.min_x); i <= hull.column(high.x() + reach.max_x); ++i) {
+          const auto& s = slopes.at(i, j);
+          x.include(Range{s[0], s[1]});
+          y.include(Range{s[2], s[3]});
+        }
+      }
+      reach = {reach_along(radius_mm_, x.least, y, -1), reach_along(radius_mm_, x.most, y, 1), reach_along(radius_mm_, y.least, x, -1),
+               reach_along(radius_mm_, y.most, x, 1)};
+    }
+    return reach;
+  };
+  // From the whole ball inwards, for large squares and then for those within.
+  constexpr int kLarge = 8;
+  Grid<Reach> result((samples_.width + kSquare - 1) / kSquare, (samples_.height + kSquare - 1) / kSquare);
+  const Vec2 square = kSquare * pitch_mm_;
+  parallel_blocks((result.height + kLarge - 1) / kLarge, 1, [&](std::size_t begin, std::size_t end) {
+    const float r = static_cast<float>(radius_mm_);
+    for (int b = kLarge * static_cast<int>(begin); b < kLarge * static_cast<int>(end); b += kLarge) {
+      for (int a = 0; a < result.width; a += kLarge) {
+        const Vec2 corner = first_ + square.cwiseProduct(Vec2(a, b));
+        const Reach reach = narrowed(corner, corner + kLarge * square, {-r, r, -r, r}, 3);
+        for (int j = b; j < std::min(b + kLarge, result.height); ++j) {
+          for (int i = a; i < std::min(a + kLarge, result.width); ++i) {
+            const Vec2 low = first_ + square.cwiseProduct(Vec2(i, j));
+            result.at(i, j) = narrowed(low, low + square, reach, 2);
+          }
+        }
+      }
+    }
+  });
+  return result;
 }
 
 Contact BallContact::at(double x, double y) const {
-  const double half_x = reach_mm_ + pitch_mm_.x();
-  const double half_y = reach_mm_ + pitch_mm_.y();
-  const int i0 = static_cast<int>(std::floor((x - half_x - first_.x()) / pitch_mm_.x()));
-  const int i1 = static_cast<int>(std::ceil((x + half_x - first_.x()) / pitch_mm_.x()));
-  const int j0 = static_cast<int>(std::floor((y - half_y - first_.y()) / pitch_mm_.y()));
-  const int j1 = static_cast<int>(std::ceil((y + half_y - first_.y()) / pitch_mm_.y()));
+  const double from_x = (x - first_.x()) / pitch_mm_.x(), from_y = (y - first_.y()) / pitch_mm_.y();
+  if (!(from_x >= 0 && from_y >= 0 && from_x < samples_.width && from_y < samples_.height)) return ball_contact(*surface_, radius_mm_, x, y);
+  const Reach& reach = reaches_.at(static_cast<int>(from_x) / kSquare, static_cast<int>(from_y) / kSquare);
+  const int i0 = static_cast<int>(std::floor(from_x + reach.min_x / pitch_mm_.x())) - 1;
+  const int i1 = static_cast<int>(std::ceil(from_x + reach.max_x / pitch_mm_.x())) + 1;
+  const int j0 = static_cast<int>(std::floor(from_y + reach.min_y / pitch_mm_.y())) - 1;
+  const int j1 = static_cast<int>(std::ceil(from_y + reach.max_y / pitch_mm_.y())) + 1;
   constexpr int kWidest = 96;
   if (i0 < 0 || j0 < 0 || i1 >= samples_.width || j1 >= samples_.height || i1 - i0 >= kWidest || j1 - j0 >= kWidest) {
     return ball_contact(*surface_, radius_mm_, x, y);

@@ -17,8 +17,8 @@ struct Contact {
 };
 
 /// The dilation D(c) = max over p of h(p) + sqrt(R^2 - |p - c|^2) of one surface by one ball. A scan of height samples
-/// finds every local maximum that can win, Newton on the C2 spline makes them exact (below 1e-8 mm). Only places with
-/// |p - c| <= R s / sqrt(1 + s^2), s the steepest slope of the surface, can hold a contact, so only those are scanned.
+/// finds every local maximum that can win, Newton on the C2 spline makes them exact (below 1e-8 mm). At a contact
+/// p - c = R grad h / sqrt(1 + |grad h|^2): bounds on the slopes around c tell where contacts can be, and only that is scanned.
 /// Immutable after construction: safe to use from several threads.
 class BallContact {
  public:
@@ -28,20 +28,24 @@ class BallContact {
 
   [[nodiscard]] double radius_mm() const { return radius_mm_; }
   [[nodiscard]] const SplineSurface& surface() const { return *surface_; }
-  /// Steepest slope on the sampled region.
-  [[nodiscard]] double steepest() const { return steepest_; }
   [[nodiscard]] Contact at(double x, double y) const;
 
  private:
+  struct Reach {
+    float min_x, max_x, min_y, max_y;
+  };
+  /// Where contacts can be, from the centre, for centres in each square of kSquare x kSquare samples.
+  [[nodiscard]] Grid<Reach> reaches() const;
+  static constexpr int kSquare = 4;
+
   const SplineSurface* surface_;
   double radius_mm_;
-  double steepest_ = 0;
-  double reach_mm_ = 0;   // how far from the centre a contact can be
   double missed_mm_ = 0;  // how much lower than a maximum the sample next to it can be
   double base_mm_ = 0;    // subtracted from the samples, which are floats
   Vec2 first_;            // of the sample grid
   Vec2 pitch_mm_;
   Grid<float> samples_;
+  Grid<Reach> reaches_;
 };
 
 /// Axes in the plane, turned so that the first one points along `along` (a unit vector).

@@ -58,6 +58,22 @@ double integral(const double (&p)[3], double a, double b) {
   return primitive(b) - primitive(a);
 }
 
+TEST(SplineSurface, ItsHighestAndLowestAreThoseOfEveryPointOfTheScan) {
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    const SplineSurface s = random_surface(seed);
+    double lowest = 1e9, highest = -1e9;
+    for (int j = 0; j <= 8 * kSpansY; ++j) {
+      for (int i = 0; i <= 8 * kSpansX; ++i) {
+        const double h = s.height(kExtent.min.x() + kExtent.size().x() * i / (8 * kSpansX), kExtent.min.y() + kExtent.size().y() * j / (8 * kSpansY));
+        lowest = std::min(lowest, h);
+        highest = std::max(highest, h);
+      }
+    }
+    EXPECT_EQ(s.lowest(), lowest);
+    EXPECT_EQ(s.highest(), highest);
+  }
+}
+
 TEST(SplineSurface, ReproducesPolynomialsWithDerivatives) {
   const SplineSurface surface = polynomial_surface();
   for (const double x : {-3.0, -2.2, 0.1, 4.0, 8.99, 9.0}) {
