@@ -2,12 +2,12 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
-#include <optional>
 
 #include "design/core/text.h"
 #include "machine/detail/controller.h"
 #include "machine/detail/fault_picture.h"
 #include "machine/detail/interpreter.h"
+#include "machine/detail/line_buffer.h"
 #include "machine/detail/receive_buffer.h"
 #include "machine/detail/sent_text.h"
 #include "machine/program_lines.h"
@@ -29,12 +29,14 @@ struct Firmware {
   bool changes_tools;    ///< M6
   int axes;              ///< in reports; three: no rotary words either
   bool reports_buffers;  ///< Bf at power-on ($10 changes it)
-  std::size_t longest_line;
-  bool counts_blanks;  ///< and comments, in that length
+  LineBuffer::Keeps keeps;
+  std::size_t longest_line;  ///< of what it keeps
 };
 
 Firmware firmware_of(Personality personality, const MachineModel& machine) {
-  if (personality == Personality::kGrbl) return {"Grbl 1.1h ['$' for help]", "V", 128, 15, false, false, 3, false, 79, false};
+  if (personality == Personality::kGrbl) {
+    return {"Grbl 1.1h ['$' for help]", "V", 128, 15, false, false, 3, false, LineBuffer::Keeps::kContent, 79};
+  }
   return {"GrblHAL 1.1f ['$' or '$HELP' for help]",
           "VNML+",
           machine.receive_buffer_bytes,
@@ -43,8 +45,8 @@ Firmware firmware_of(Personality personality, const MachineModel& machine) {
           true,
           6,
           true,
-          kLongestLine,
-          true};
+          LineBuffer::Keeps::kText,
+          kLongestLine};
 }
 
 MachineModel axes_of(const Firmware& firmware, MachineModel machine) {
@@ -67,25 +69,6 @@ bool has_word(std::string_view line, std::string_view letters) {
   return false;
 }
 
-/// Characters outside comments that are not blanks.
-std::size_t characters(std::string_view line) {
-  std::size_t count = 0;
-  bool comment = false;
-  for (const char c : line) {
-    if (c == ';') break;
-    if (c == '(') comment = true;
-    if (!comment && c != ' ' && c != '\t') ++count;
-    if (c == ')') comment = false;
-  }
-  return count;
-}
-
-std::string_view trimmed(std::string_view line) {
-  const std::size_t first = line.find_first_not_of(" \t\r");
-  if (first == std::string_view::npos) return {};
-  return line.substr(first, line.find_last_not_of(" \t\r") + 1 - first);
-}
-
 class GrblController final : public Controller {
  public:
   GrblController(Mill& mill, Personality personality)
@@ -94,6 +77,7 @@ class GrblController final : public Controller {
         planted_(mill.options().planted),
         interpreter_(axes_of(firmware_, mill.machine())),
         buffer_(firmware_.receive_buffer_bytes),
+        line_(firmware_.keeps, firmware_.longest_line),
         reports_buffers_(firmware_.reports_buffers) {
     const OperatorSetup& setup = mill_.setup();
     if (setup.work_offset >= 54 && setup.work_offset <= 59) {
@@ -121,24 +105,20 @@ class GrblController final : public Controller {
       ++received_bytes_;
       const auto code = static_cast<unsigned char>(byte);
       if ((code >= 0x80 || code == '?' || code == '!' || code == '~' || code == 0x18) && real_time(code)) continue;
+      // The main loop takes bytes out faster than a line brings them, unless it waits for something.
+      if (buffer_.free() == 0 && !waits()) line_.fill_from(buffer_);
       buffer_.push(byte);
     }
   }
 
   bool work() override {
-    if (dead_ || mill_.held() || door_ || waits_for_tool_ || pauses_ || needs_reset_) return false;
-    const auto found = buffer_.next_line();
-    if (!found) {
-      if (buffer_.drop_longer_than(kLongestLine)) overlong_ = true;
-      return false;
-    }
+    if (waits() || !line_.fill_from(buffer_)) return false;
     if (mill_.moving()) {
       // Spindle, tool and the like happen between motions, not ahead of them; a full planner takes nothing.
-      if (mill_.planned_blocks() >= firmware_.planner_blocks || has_word(*found, "MPT$")) return false;
+      if (mill_.planned_blocks() >= firmware_.planner_blocks || has_word(line_.kept(), "MPT$")) return false;
     }
-    const std::string_view line = trimmed(*found);
-    buffer_.drop_line();
-    take_line(line);
+    take_line();
+    line_.clear();
     return true;
   }
 
@@ -159,12 +139,12 @@ class GrblController final : public Controller {
   const PlantedFaults& planted_;
   Interpreter interpreter_;
   ReceiveBuffer buffer_;
+  LineBuffer line_;
 
   bool dead_ = false;
   bool door_ = false, checking_ = false;
   bool waits_for_tool_ = false, pauses_ = false;
   int incoming_tool_ = 0;
-  bool overlong_ = false;      ///< the beginning of the line in the buffer has been thrown away
   std::size_t next_step_ = 0;  ///< of the line that waits for the operator
   bool locked_ = false;        ///< by an alarm; $X or $H unlocks
   bool needs_reset_ = false;   ///< a critical alarm: deaf until reset
@@ -176,6 +156,11 @@ class GrblController final : public Controller {
   long executed_lines_ = 0;
   long received_bytes_ = 0;
   LineDigest digest_;
+
+  /// The main loop stands and takes nothing out of the receive buffer.
+  [[nodiscard]] bool waits() const {
+    return dead_ || mill_.held() || door_ || waits_for_tool_ || pauses_ || needs_reset_;
+  }
 
   // --- Replies ---
 
@@ -327,6 +312,7 @@ class GrblController final : public Controller {
     mill_.drop_motions();
     mill_.set_overrides({});
     buffer_.clear();
+    line_.clear();
     interpreter_.reset();
     interpreter_.set_position(mill_.planned());
     mill_.stop_spindle();
@@ -359,7 +345,7 @@ class GrblController final : public Controller {
     if (waits_for_tool_) return "Tool";
     if (mill_.held() || pauses_) return "Hold:0";
     if (checking_) return "Check";
-    return mill_.moving() || buffer_.next_line().has_value() ? "Run" : "Idle";
+    return mill_.moving() || line_.whole() || buffer_.holds_line() ? "Run" : "Idle";
   }
 
   void report(bool complete) {
@@ -380,15 +366,15 @@ class GrblController final : public Controller {
 
   // --- Lines ---
 
-  void take_line(std::string_view line) {
-    if (!overlong_) {
-      if (line.empty()) {
-        latched_error_ = 0;
+  void take_line() {
+    const std::string_view line = line_.kept();
+    if (!line_.overlong()) {
+      if (line.empty() || line.front() == '$') latched_error_ = 0;
+      if (line_.text().empty()) {
         say_ok();
         return;
       }
-      if (line.front() == '$') {
-        latched_error_ = 0;
+      if (line.starts_with('$')) {
         system_command(line);
         return;
       }
@@ -411,7 +397,7 @@ class GrblController final : public Controller {
       return;
     }
     if (total_lines_ == planted_.door_at_line) open_door();
-    if (locked_) {
+    if (locked_ && !line.empty()) {
       say_error(9);
       return;
     }
@@ -423,7 +409,7 @@ class GrblController final : public Controller {
       if (firmware_.latches_errors) latched_error_ = error;
       mill_.add_fault("error",
                       "error:" + std::to_string(error) + " " + std::string(describe(error)) + " in '" +
-                          std::string(line.substr(0, 80)) + "'",
+                          std::string(line_.text().substr(0, 80)) + "'",
                       program_line_);
       say_error(error);
       return;
@@ -431,7 +417,7 @@ class GrblController final : public Controller {
     for (const GcodeStep& step : interpreter_.steps()) {
       if (step.kind != GcodeStep::kMove) continue;
       if (const auto past = mill_.overtravel(step.target)) {
-        Fault& fault = raise_alarm(2, "limit", past->message + " in '" + std::string(line.substr(0, 80)) + "'");
+        Fault& fault = raise_alarm(2, "limit", past->message + " in '" + std::string(line_.text().substr(0, 80)) + "'");
         fault.amount_mm = past->amount;
         fault.picture = travel_picture(mill_.machine(), mill_.joints(), to_position(step.target), past->message);
         return;
@@ -442,7 +428,7 @@ class GrblController final : public Controller {
       return;
     }
     ++executed_lines_;
-    digest_.add(line);
+    digest_.add(line_.text());
     next_step_ = 0;
     if (has_word(line, "MT")) mill_.expect_standstill();
     run_steps();
@@ -451,10 +437,7 @@ class GrblController final : public Controller {
   }
 
   int read_line(std::string_view line) {
-    const std::size_t length = firmware_.counts_blanks ? line.size() : characters(line);
-    const bool overlong = overlong_ || length > firmware_.longest_line;
-    overlong_ = false;
-    if (overlong) return kOverflow;
+    if (line_.overlong()) return kOverflow;
     if (total_lines_ == planted_.error_at_line) return kBadNumber;
     if (!firmware_.changes_tools && words_of(line).tool_change) return kUnsupported;
     return interpreter_.execute(line);

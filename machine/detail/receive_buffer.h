@@ -1,68 +1,47 @@
-// The controller's receive buffer: bounded, and what does not fit is lost.
+// What a control's serial line fills: a ring of bytes that loses what does not fit.
 #pragma once
 
-#include <cstring>
-#include <optional>
-#include <string_view>
+#include <cstddef>
 #include <vector>
 
 namespace lightmill::detail {
 
-/// Holds at most size - 1 bytes, as a ring of `size` does. Lines come out whole.
+/// Holds at most size - 1 bytes, as a ring of `size` does.
 class ReceiveBuffer {
  public:
-  explicit ReceiveBuffer(int size) : capacity_(static_cast<std::size_t>(size) - 1), bytes_(capacity_ * 4) {}
+  explicit ReceiveBuffer(int size) : ring_(static_cast<std::size_t>(size)) {}
 
-  /// False: full, the byte is lost.
-  bool push(char byte) {
-    if (end_ - begin_ >= capacity_) {
+  /// A byte that finds it full is lost.
+  void push(char byte) {
+    if (free() == 0) {
       ++lost_;
-      return false;
+      return;
     }
-    if (end_ == bytes_.size()) {
-      std::memmove(bytes_.data(), bytes_.data() + begin_, end_ - begin_);
-      end_ -= begin_;
-      begin_ = 0;
-      searched_ = 0;
-    }
-    bytes_[end_++] = byte;
-    if (end_ - begin_ > highest_) highest_ = end_ - begin_;
-    return true;
+    ring_[(first_ + fill_) % ring_.size()] = byte;
+    ++fill_;
+    if (byte == '\n') ++line_ends_;
+    if (fill_ > highest_) highest_ = fill_;
   }
-
-  /// The first whole line, without its line feed; valid until the next push. Nothing if there is none.
-  std::optional<std::string_view> next_line() {
-    if (searched_ < begin_) searched_ = begin_;
-    const void* found = searched_ < end_ ? std::memchr(bytes_.data() + searched_, '\n', end_ - searched_) : nullptr;
-    if (found == nullptr) {
-      searched_ = end_;
-      return std::nullopt;
-    }
-    const auto at = static_cast<std::size_t>(static_cast<const char*>(found) - bytes_.data());
-    const std::string_view line(bytes_.data() + begin_, at - begin_);
-    line_end_ = at + 1;
-    return line;
+  /// The oldest byte; there must be one.
+  char pop() {
+    const char byte = ring_[first_];
+    first_ = (first_ + 1) % ring_.size();
+    --fill_;
+    if (byte == '\n') --line_ends_;
+    return byte;
   }
-  /// Takes the line that next_line() has shown out of the buffer.
-  void drop_line() { begin_ = searched_ = line_end_; }
+  void clear() { fill_ = line_ends_ = 0; }
 
-  /// Throws away a beginning that can be no line of a program any more; true if there was one.
-  bool drop_longer_than(std::size_t most) {
-    if (end_ - begin_ <= most || searched_ != end_) return false;
-    begin_ = end_;
-    return true;
-  }
-
-  void clear() { begin_ = end_ = searched_ = 0; }
-  [[nodiscard]] int fill() const { return static_cast<int>(end_ - begin_); }
-  [[nodiscard]] int free() const { return static_cast<int>(capacity_ - (end_ - begin_)); }
+  [[nodiscard]] bool empty() const { return fill_ == 0; }
+  [[nodiscard]] bool holds_line() const { return line_ends_ > 0; }
+  [[nodiscard]] int fill() const { return static_cast<int>(fill_); }
+  [[nodiscard]] int free() const { return static_cast<int>(ring_.size() - 1 - fill_); }
   [[nodiscard]] int highest() const { return static_cast<int>(highest_); }
   [[nodiscard]] long lost() const { return lost_; }
 
  private:
-  std::size_t capacity_;
-  std::vector<char> bytes_;
-  std::size_t begin_ = 0, end_ = 0, searched_ = 0, line_end_ = 0, highest_ = 0;
+  std::vector<char> ring_;
+  std::size_t first_ = 0, fill_ = 0, line_ends_ = 0, highest_ = 0;
   long lost_ = 0;
 };
 

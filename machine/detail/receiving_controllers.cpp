@@ -5,6 +5,7 @@
 
 #include "machine/detail/controller.h"
 #include "machine/detail/fe_block.h"
+#include "machine/detail/line_buffer.h"
 #include "machine/detail/receive_buffer.h"
 #include "machine/program_lines.h"
 
@@ -152,16 +153,22 @@ class DripController final : public ReceivingController {
 
   bool work() override {
     if (alarm_ || state_ != State::kReading || mill_.clock().now() < next_block_) return false;
-    const auto line = buffer_.next_line();
-    if (!line) return false;
-    take(*line);
-    buffer_.drop_line();
-    next_block_ = mill_.clock().now() + block_time();
-    if (holding_ && !alarm_ && buffer_.fill() <= start_at_ && state_ == State::kReading) {
+    const bool whole = block_.fill_from(buffer_);
+    if (block_.overlong()) {
+      raise_alarm("a block without end");
+      hold();
+      return false;
+    }
+    if (whole) {
+      take(block_.kept());
+      block_.clear();
+      next_block_ = mill_.clock().now() + block_time();
+    }
+    if (holding_ && buffer_.fill() <= start_at_ && state_ == State::kReading) {
       holding_ = false;
       replies_ += kDc1;
     }
-    return true;
+    return whole;
   }
 
   [[nodiscard]] ClockTime next_event() const override {
@@ -177,7 +184,9 @@ class DripController final : public ReceivingController {
 
  private:
   enum class State { kLeader, kReading, kEnded };
+  static constexpr std::size_t kLongestBlock = 4096;
   ReceiveBuffer buffer_;
+  LineBuffer block_{LineBuffer::Keeps::kAll, kLongestBlock};
   bool heidenhain_, said_eot_ = false;
   int stop_at_, start_at_;
   State state_ = State::kLeader;

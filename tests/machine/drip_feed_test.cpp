@@ -56,6 +56,24 @@ RC_GTEST_PROP(DripFeed, NeverOverflowsAndLosesNothing, (unsigned seed)) {
   RC_ASSERT(!machine.alarm);
 }
 
+// A block may be longer than the buffer, which empties while it comes; one without end stops the control.
+TEST(DripFeed, BlocksLongerThanTheBuffer) {
+  MachineModel model = test::skew_machine();
+  model.receive_buffer_bytes = 100;
+  test::Lockstep rig(drip(0.01), {.baud = 9600, .faults = {}}, model);
+  const std::string program = "%\n(" + std::string(500, 'x') + ")\nG21\nM30\n%\n";
+  EXPECT_TRUE(drip_feed(rig.link, program).done());
+  rig.link.run_for(milliseconds(1000));
+  EXPECT_EQ(rig.machine.result().received_program, program);
+  EXPECT_EQ(rig.machine.result().overflowed_bytes, 0);
+
+  test::Lockstep other(drip(0.01), {}, model);
+  DripOptions options;
+  options.stuck_after = milliseconds(1000);
+  EXPECT_FALSE(drip_feed(other.link, "%\n" + std::string(10000, 'X') + "\nM30\n%\n", options).done());
+  EXPECT_EQ(other.machine.result().faults.at(0).kind, "alarm");
+}
+
 TEST(DripFeed, IsHeldByASlowControl) {
   test::Lockstep rig(drip(0.05), {.baud = 9600, .faults = {}});
   const StreamResult result = drip_feed(rig.link, tape(400));

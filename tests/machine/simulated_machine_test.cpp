@@ -214,6 +214,41 @@ TEST(GrblConversation, EightyCharactersThatCount) {
   EXPECT_EQ(talk.say("G0X" + std::string(77, '0') + "\n"), "error:11\n");
 }
 
+// The receive buffer empties into the line buffer while a line comes, so that a line may be longer than the receive buffer.
+TEST(GrblConversation, LinesLongerThanTheReceiveBuffer) {
+  Talk talk = grbl_talk();
+  EXPECT_EQ(talk.say("(" + std::string(140, 'x') + ")\n"), "ok\n");
+  EXPECT_EQ(talk.say(";" + std::string(140, 'x') + "\n"), "ok\n");
+  EXPECT_EQ(talk.say("G0 " + std::string(140, ' ') + "x1 (" + std::string(140, 'x') + ") /y2\n"), "ok\n");
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 11);
+  EXPECT_EQ(talk.machine.result().joints.y_mm, -3);
+  EXPECT_EQ(talk.say("G0 X" + std::string(140, '0') + "\n"), "error:11\n");
+  EXPECT_EQ(talk.say("G0 X2\n"), "ok\n") << "the error is that line's alone";
+  EXPECT_EQ(talk.machine.result().overflowed_bytes, 0);
+  EXPECT_EQ(talk.machine.result().received_digest,
+            program_digest("(" + std::string(140, 'x') + ")\n;" + std::string(140, 'x') + "\nG0 " + std::string(140, ' ') +
+                           "x1 (" + std::string(140, 'x') + ") /y2\nG0 X2\n"));
+  // A line without end: taken out as it comes, in bounded memory, and refused when it ends.
+  for (int i = 0; i < 1000; ++i) EXPECT_EQ(talk.say("(" + std::string(98, 'x') + ")"), "");
+  talk.say("$10=3 ");
+  EXPECT_EQ(talk.say("\n"), "error:11\n");
+  EXPECT_EQ(talk.say("(alarms do not refuse comments\n"), "ok\n");
+}
+
+TEST(GrblConversation, TheReceiveBufferEmptiesWhileALineComes) {
+  Talk talk = grbl_talk();
+  talk.say("$10=3\n??");
+  talk.say("G0 X1");
+  EXPECT_THAT(talk.say("?"), AllOf(StartsWith("<Idle|"), HasSubstr("|Bf:15,127|"))) << "in the line buffer";
+  talk.say("!5 Y2");
+  EXPECT_THAT(talk.say("?"), HasSubstr("|Bf:15,123|")) << "a held machine takes nothing out";
+  EXPECT_EQ(talk.say("~\n"), "ok\n");
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 25);
+  talk.say("G0 X9");
+  talk.say("\x18");
+  EXPECT_EQ(talk.say("G0 X1\n"), "ok\n") << "a reset forgets the beginning of a line";
+}
+
 TEST(GrblConversation, ASmallBuffer) {
   Talk talk = grbl_talk();
   talk.machine.receive("!" + std::string(200, '\n'));
@@ -261,14 +296,14 @@ TEST(ReceiveBuffer, HoldsOneByteLessThanItsSizeAndLosesTheRest) {
   MachineModel model = test::skew_machine();
   model.receive_buffer_bytes = 64;
   Talk talk(test::no_stock(), model);
-  // Seven lines of nine bytes fit into 63 bytes; a blind sender's eighth does not.
+  // One line is taken out, seven of nine bytes fit into 63 bytes; a blind sender's ninth does not.
   std::string burst;
-  for (int i = 0; i < 8; ++i) burst += "G0 X1" + std::to_string(i) + ".5\n";
+  for (int i = 0; i < 9; ++i) burst += "G0 X1" + std::to_string(i) + ".5\n";
   talk.machine.receive(burst);
   EXPECT_EQ(talk.machine.result().highest_buffer_fill, 63);
   EXPECT_EQ(talk.machine.result().overflowed_bytes, 9);
-  EXPECT_EQ(talk.say(""), "ok\nok\nok\nok\nok\nok\nok\n");
-  EXPECT_EQ(talk.machine.result().joints.x_mm, 26.5);
+  EXPECT_EQ(talk.say(""), "ok\nok\nok\nok\nok\nok\nok\nok\n");
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 27.5);
   EXPECT_EQ(talk.machine.result().faults.at(0).kind, "overflow");
 }
 
