@@ -10,10 +10,10 @@
 #include <utility>
 
 #include "design/core/errors.h"
+#include "design/core/one_blas_thread.h"
 #include "design/core/text.h"
 #include "design/detail/cell_relaxation.h"
 #include "design/detail/laplacian.h"
-#include "design/detail/one_blas_thread.h"
 #include "design/detail/power_diagram.h"
 #include "design/detail/sampled_transport.h"
 #include "design/detail/sampling.h"

@@ -12,6 +12,8 @@
 #include "cam/detail/spline_basis.h"
 #include "cam/detail/spline_refinement.h"
 #include "cam/spline_surface.h"
+#include "design/core/one_blas_thread.h"
+#include "design/core/parallel.h"
 
 namespace lightmill {
 
@@ -309,14 +311,16 @@ struct NormalEquations {
   }
 
   [[nodiscard]] Grid<double> solve(const Grid<double>& guess) const {
+    const OneBlasThread one_blas_thread;
     Grid<double> coefficients = guess;
     Eigen::VectorXd missing = right - times(guess);
-    std::vector<int> order;
     const int across = std::max(1, width / kSquare), along = std::max(1, height / kSquare);
-    for (int b = 0; b < along; ++b) {
-      for (int a = 0; a < across; ++a) {
+    parallel_blocks(static_cast<std::size_t>(across) * along, 1, [&](std::size_t begin, std::size_t end) {
+      const OneBlasThread here_too;  // OpenMP's levels are each thread's own
+      for (int square = static_cast<int>(begin); square < static_cast<int>(end); ++square) {
+        const int a = square % across, b = square / across;
         const int i0 = width * a / across, i1 = width * (a + 1) / across, j0 = height * b / along, j1 = height * (b + 1) / along;
-        order.clear();
+        std::vector<int> order;
         dissect(std::max(0, i0 - kAround), std::min(width, i1 + kAround), std::max(0, j0 - kAround), std::min(height, j1 + kAround), width, order);
         std::erase_if(order, [&](int k) { return !free[k]; });
         if (order.empty()) continue;
@@ -326,8 +330,8 @@ struct NormalEquations {
           if (i >= i0 && i < i1 && j >= j0 && j < j1) coefficients.values[order[k]] += change[static_cast<Eigen::Index>(k)];
         }
       }
-    }
-    order.clear();
+    });
+    std::vector<int> order;
     dissect(0, width, 0, height, width, order);
     std::erase_if(order, [&](int k) { return !open[k]; });
     if (across * along == 1 || order.empty()) return coefficients;

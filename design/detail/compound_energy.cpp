@@ -8,8 +8,8 @@
 #include <thread>
 
 #include "design/core/errors.h"
+#include "design/core/one_blas_thread.h"
 #include "design/core/parallel.h"
-#include "design/detail/one_blas_thread.h"
 
 namespace lightmill::detail {
 

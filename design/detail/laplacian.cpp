@@ -11,8 +11,8 @@
 #include <utility>
 
 #include "design/core/errors.h"
+#include "design/core/one_blas_thread.h"
 #include "design/core/parallel.h"
-#include "design/detail/one_blas_thread.h"
 
 // The reference BLAS and LAPACK: C <- alpha A A^T + beta C, Cholesky's factor, and solutions with it.
 extern "C" {

@@ -8,9 +8,9 @@
 #include <cmath>
 
 #include "design/core/errors.h"
+#include "design/core/one_blas_thread.h"
 #include "design/core/parallel.h"
 #include "design/detail/light_grid.h"
-#include "design/detail/one_blas_thread.h"
 
 namespace lightmill::detail {
 

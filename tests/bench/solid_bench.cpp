@@ -125,7 +125,15 @@ int main(int argc, char** argv) {
   const auto folder = std::filesystem::temp_directory_path() / "lightmill_solid_bench";
   const auto file = folder / "lens.step";
   wall = seconds_now(), cpu = cpu_seconds();
-  const SolidSummary solid = write_lens_step(file, fit.surface, {.product_name = "bench lens"});
+  Monitor phases;
+  std::string phase;
+  double phase_wall = 0, phase_cpu = 0;
+  phases.on_progress = [&](std::string_view what, double) {
+    if (!phase.empty()) say(("  " + phase).c_str(), phase_wall, phase_cpu);
+    phase = what;
+    phase_wall = seconds_now(), phase_cpu = cpu_seconds();
+  };
+  const SolidSummary solid = write_lens_step(file, fit.surface, {.product_name = "bench lens"}, phases);
   say("write_lens_step", wall, cpu);
   std::printf("  valid %d, %d faces, %d free edges, %ju bytes, volume off by %.2e, deviation %.2e um\n", solid.valid,
               solid.faces, solid.free_edges, solid.file_bytes, solid.volume_mm3 / solid.expected_volume_mm3 - 1,

@@ -1,8 +1,8 @@
-#include "design/detail/one_blas_thread.h"
+#include "design/core/one_blas_thread.h"
 
 #include <dlfcn.h>
 
-namespace lightmill::detail {
+namespace lightmill {
 
 namespace {
 
@@ -34,4 +34,4 @@ OneBlasThread::~OneBlasThread() {
   if (levels_ >= 0) set_levels_(levels_);
 }
 
-}  // namespace lightmill::detail
+}  // namespace lightmill

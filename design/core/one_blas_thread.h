@@ -1,7 +1,7 @@
 // Serial BLAS and OpenMP inside a scope.
 #pragma once
 
-namespace lightmill::detail {
+namespace lightmill {
 
 /// OpenBLAS's threads and those of CHOLMOD's OpenMP loops wait for each other by spinning: on a machine that has other work
 /// they burn more than they give (measured: 56 against 28 CPU seconds for the one, a factorisation of 0.33 against 0.5 for
@@ -21,4 +21,4 @@ class OneBlasThread {
   int levels_ = -1;
 };
 
-}  // namespace lightmill::detail
+}  // namespace lightmill
