@@ -157,7 +157,7 @@ class Planner {
     }
 
     for (const auto& line : options_.also_along) add_line(line, passes.paths);
-    ToolPath path = finished(passes.paths, passes.widest_mm, monitor);
+    ToolPath path = finished(std::move(passes.paths), passes.widest_mm, monitor);
     path.predicted_cusp_um = passes.highest_cusp_mm * 1e3;
     path.above_limit_mm2 = passes.above_limit_mm2;
     return path;
@@ -168,7 +168,7 @@ class Planner {
     choose_axes();
     std::vector<CentrePath> paths;
     for (const auto& line : lines) add_line(line, paths);
-    return finished(paths, detail::flat_stepover_mm(radius_, options_.cusp_um * 1e-3), monitor);
+    return finished(std::move(paths), detail::flat_stepover_mm(radius_, options_.cusp_um * 1e-3), monitor);
   }
 
  private:
@@ -177,7 +177,7 @@ class Planner {
     std::move(legs.begin(), legs.end(), std::back_inserter(paths));
   }
 
-  ToolPath finished(const std::vector<CentrePath>& paths, double stepover_mm, const Monitor& monitor) {
+  ToolPath finished(std::vector<CentrePath> paths, double stepover_mm, const Monitor& monitor) {
     monitor.report("checking shank and holder", 0.87);
     settle_axis(paths);
     monitor.report("linking passes", 0.93);
@@ -187,7 +187,7 @@ class Planner {
     path.spindle_rpm = cutter_.spindle_rpm;
     path.stepover_mm = stepover_mm;
     path.clearance_z_mm = std::max(highest_obstacle_mm(blank_), surface_.highest() + options_.allowance_mm) + options_.clearance_mm;
-    assemble(paths, path);
+    assemble(std::move(paths), path);
     refuse_contact(path, blank_.keep_outs);
     monitor.report("passes planned", 1);
     return path;
@@ -341,7 +341,8 @@ class Planner {
   [[nodiscard]] ToolPose pose(const Vec3& centre, const Vec3& axis) const { return {centre - radius_ * axis, axis}; }
   [[nodiscard]] ToolPose pose(const Vertex& v) const { return pose(v.centre, v.axis); }
 
-  void assemble(const std::vector<CentrePath>& paths, ToolPath& out) const {
+  /// Each path is let go once its moves are made: millions of them are most of the memory that planning takes.
+  void assemble(std::vector<CentrePath> paths, ToolPath& out) const {
     // A tooth advances at most a third of the way to the next pass.
     const double teeth_per_s = cutter_.spindle_rpm / 60 * cutter_.edges;
     const double most_feed = std::min(teeth_per_s * out.stepover_mm / 3, options_.max_feed_mm_per_s);
@@ -357,6 +358,10 @@ class Planner {
       return p;
     };
 
+    constexpr std::size_t kBesides = 64;  // moves of landing, leaving and linking
+    std::size_t expected = 0;
+    for (const CentrePath& path : paths) expected += path.points.size() + kBesides;
+    out.moves.reserve(expected);
     std::vector<Vertex> way = vertices(paths, 0);
     out.moves.push_back({at_height(pose(way.front()), out.clearance_z_mm), MoveKind::kRapid, 0});
     for (std::size_t k = 0; k < paths.size(); ++k) {
@@ -368,6 +373,7 @@ class Planner {
                              landing ? std::min(feed_at(way[i]), cutter_.plunge_feed_mm_per_s) : feed_at(way[i])});
       }
       if (k + 1 == paths.size()) break;
+      paths[k].points = {};
       std::vector<Vertex> next = vertices(paths, k + 1);
       const Vertex& here = way.back();
       const Vertex& there = next.front();

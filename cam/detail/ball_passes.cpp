@@ -28,11 +28,6 @@ constexpr double kInfillLeastOfFlat = 1.0 / 16;
 constexpr double kInfillGrowMm = 0.6;  ///< an infill piece starts before and ends after the stretch that asks for it
 constexpr double kInfillMergeMm = 4;   ///< pieces nearer than this become one
 
-PathPoint point_at(const TurnedBall& ball, double x, double y) {
-  const Contact contact = ball.at(x, y);
-  return {x, contact.z, contact.slope.x(), contact.point};
-}
-
 /// Squared distance in the plane of a path from (x, z) to the segment between two vertices.
 double squared_distance(const PathPoint& a, const PathPoint& b, double x, double z) {
   const double dx = b.x - a.x;
@@ -231,6 +226,8 @@ class Spacer {
     for (int round = 0;; ++round) {
       const Monitor part = monitor.part(0.4 + 0.15 * round, 0.4 + 0.15 * (round + 1));
       ys = field.places();
+      paths = {};  // not both at once
+      between = {};
       paths = compute_paths(ys, part.part(0, 0.5));
       between = look_between(paths, true, part.part(0.5, 1));
       bool content = true;
@@ -535,6 +532,7 @@ class SpiralSpacer {
     for (std::size_t k = 0; k < between.size(); ++k) field.limit(depths[k], depths[k + 1], between[k].wish_mm);
     for (int round = 0;; ++round) {
       depths = field.places();
+      between = {};
       between = look(depths, true, monitor.part(0.4 + 0.15 * round, 0.4 + 0.15 * (round + 1)));
       bool content = true;
       for (std::size_t k = 0; k < between.size(); ++k) {
@@ -657,10 +655,12 @@ CentrePath centre_path(const TurnedBall& ball, double y, double from_x, double t
   CentrePath path;
   path.turn = ball.turn();
   path.y = y;
-  path.points.push_back(point_at(ball, from_x, y));
+  Contact resting = ball.at(from_x, y);
+  path.points.push_back({from_x, resting.z, resting.point});
   double step = tolerance.longest_mm;
   while (path.points.back().x < to_x) {
     const PathPoint& here = path.points.back();
+    const double slope = resting.slope.x();  // of the exact centre path
     step = std::clamp(step, tolerance.shortest_mm, tolerance.longest_mm);
     PathPoint next;
     double error = 0;  // as a multiple of the tolerance
@@ -671,10 +671,11 @@ CentrePath centre_path(const TurnedBall& ball, double y, double from_x, double t
         length = to_x - here.x;
       else if (here.x + 1.5 * length > to_x)
         length = (to_x - here.x) / 2;
-      next = point_at(ball, here.x + length, y);
+      resting = ball.at(here.x + length, y);
+      next = {here.x + length, resting.z, resting.point};
       if (length == to_x - here.x) next.x = to_x;
       const double chord = (next.z - here.z) / length;
-      const double bend = std::max(std::abs(here.slope - chord), std::abs(next.slope - chord));
+      const double bend = std::max(std::abs(slope - chord), std::abs(resting.slope.x() - chord));
       // A parabola of that end slope stands length * bend / 4 above its chord, measured across it a little less.
       error = std::max(bend * length / 4 / tolerance.chord_mm / std::sqrt(1 + chord * chord), bend / tolerance.slope);
       // The last length may be longer than the shortest step, by rounding.
@@ -684,6 +685,7 @@ CentrePath centre_path(const TurnedBall& ball, double y, double from_x, double t
     step = (next.x - here.x) * std::clamp(0.93 / std::sqrt(std::max(error, 1e-3)), 0.5, 3.0);
     path.points.push_back(next);
   }
+  path.points.shrink_to_fit();
   return path;
 }
 

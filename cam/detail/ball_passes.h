@@ -14,8 +14,7 @@ namespace lightmill::detail {
 /// A vertex of a centre path.
 struct PathPoint {
   double x = 0;
-  double z = 0;      ///< of the ball's centre
-  double slope = 0;  ///< dz/dx of the exact centre path
+  double z = 0;  ///< of the ball's centre
   Vec2 contact = Vec2::Zero();
 };
 

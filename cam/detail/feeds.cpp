@@ -39,20 +39,20 @@ double chip_feed(const Cutter& ball, double stepover_mm, double contact_angle_ra
 
 void limit_acceleration(std::vector<Move>& moves, double acceleration_mm_per_s2) {
   const std::size_t count = moves.size();
-  std::vector<double> length(count, 0), limit(count, 0);
-  for (std::size_t i = 1; i < count; ++i) {
-    length[i] = (moves[i].pose.tip_mm - moves[i - 1].pose.tip_mm).norm();
-    limit[i] = moves[i].feed_mm_per_s;
-  }
+  const auto length = [&](std::size_t i) { return (moves[i].pose.tip_mm - moves[i - 1].pose.tip_mm).norm(); };
+  std::vector<double> limit(count, 0);
+  for (std::size_t i = 1; i < count; ++i) limit[i] = moves[i].feed_mm_per_s;
   // Around a bend of radius L / (2 tan(angle / 2)) both moves go no faster than sqrt(a r).
   for (std::size_t i = 1; i + 1 < count; ++i) {
-    if (!cuts(moves[i]) || !cuts(moves[i + 1]) || length[i] <= 0 || length[i + 1] <= 0) continue;
-    const Vec3 before = (moves[i].pose.tip_mm - moves[i - 1].pose.tip_mm) / length[i];
-    const Vec3 after = (moves[i + 1].pose.tip_mm - moves[i].pose.tip_mm) / length[i + 1];
+    if (!cuts(moves[i]) || !cuts(moves[i + 1])) continue;
+    const double here = length(i), next = length(i + 1);
+    if (here <= 0 || next <= 0) continue;
+    const Vec3 before = (moves[i].pose.tip_mm - moves[i - 1].pose.tip_mm) / here;
+    const Vec3 after = (moves[i + 1].pose.tip_mm - moves[i].pose.tip_mm) / next;
     // Of half the angle; where the way turns back the machine stops, whatever is said.
     const double tangent = std::min(kSharpest, (after - before).norm() / std::max(1e-12, (after + before).norm()));
     if (tangent < 1e-12) continue;
-    const double radius = std::min(kCornerMm, (length[i] + length[i + 1]) / 2) / (2 * tangent);
+    const double radius = std::min(kCornerMm, (here + next) / 2) / (2 * tangent);
     const double most = std::sqrt(acceleration_mm_per_s2 * radius);
     limit[i] = std::min(limit[i], most);
     limit[i + 1] = std::min(limit[i + 1], most);
@@ -60,10 +60,10 @@ void limit_acceleration(std::vector<Move>& moves, double acceleration_mm_per_s2)
   // Speeding up and slowing down along the way.
   const auto reach = [&](double from, double over) { return std::sqrt(from * from + 2 * acceleration_mm_per_s2 * over); };
   for (std::size_t i = 2; i < count; ++i) {
-    if (cuts(moves[i]) && cuts(moves[i - 1])) limit[i] = std::min(limit[i], reach(limit[i - 1], length[i]));
+    if (cuts(moves[i]) && cuts(moves[i - 1])) limit[i] = std::min(limit[i], reach(limit[i - 1], length(i)));
   }
   for (std::size_t i = count; i-- > 2;) {
-    if (cuts(moves[i]) && cuts(moves[i - 1])) limit[i - 1] = std::min(limit[i - 1], reach(limit[i], length[i - 1]));
+    if (cuts(moves[i]) && cuts(moves[i - 1])) limit[i - 1] = std::min(limit[i - 1], reach(limit[i], length(i - 1)));
   }
   for (std::size_t i = 1; i < count; ++i) {
     if (cuts(moves[i])) moves[i].feed_mm_per_s = step_down(moves[i].feed_mm_per_s, limit[i], kBendLadder);
