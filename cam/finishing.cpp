@@ -195,11 +195,12 @@ class Planner {
 
   void choose_axes() {
     if (options_.axis == AxisPolicy::kVertical) {
-      tilts_ = {{0, 0, 0, 0}};
+      leans_ = {{0, 0, 0, 0}};
     } else if (options_.axis == AxisPolicy::kFixed) {
-      tilts_ = detail::fixed_tilts(surface_, options_.tilt_rad, options_.angle_rad + options_.tilt_direction_rad, within());
+      leans_ = detail::fixed_tilts(surface_, options_.tilt_rad, options_.angle_rad + options_.tilt_direction_rad, within());
     } else {
-      lead_.emplace(surface_, options_.tilt_rad, turned_.turn().along, within());
+      lead_.emplace(surface_, turned_.turn().along);
+      leans_ = lead_->leans(options_.tilt_rad, options_.tilt_direction_rad, within());
     }
   }
 
@@ -219,15 +220,15 @@ class Planner {
 
   [[nodiscard]] const OutlineRegion* within() const { return within_ ? &*within_ : nullptr; }
 
-  /// The first tilt whose shank and holder stay clear of the part.
+  /// The first lean whose shank and holder stay clear of the part.
   void settle_axis(const std::vector<CentrePath>& paths) {
     // What may still stand above the surface: earlier passes' allowance; the holder keeps another half millimetre.
     const detail::ToolClearance clearance(surface_, blank_, options_.allowance_mm, std::min(0.25, radius_ / 8));
     constexpr std::size_t kMostTried = 100;
     std::optional<detail::ToolContact> first_contact;
-    const std::size_t tries = lead_ ? 1 : std::min(kMostTried, tilts_.size());
+    const std::size_t tries = std::min(kMostTried, leans_.size());
     for (std::size_t k = 0; k < tries; ++k) {
-      if (!lead_) axis_ = tilts_[k].axis();
+      lean_ = leans_[k];
       const auto contact = touching(paths, clearance);
       if (!contact) return;
       if (!first_contact) first_contact = contact;
@@ -258,7 +259,7 @@ class Planner {
     return std::nullopt;
   }
 
-  [[nodiscard]] Vec3 axis_at(const Vec2& place) const { return lead_ ? lead_->axis(place.x(), place.y()) : axis_; }
+  [[nodiscard]] Vec3 axis_at(const Vec2& place) const { return lead_ ? lead_->axis(place.x(), place.y(), lean_) : detail::fixed_axis(lean_); }
 
   [[nodiscard]] Vertex vertex(const CentrePath& path, const PathPoint& p, double lift) const {
     const Vec2 place = path.turn.out({p.x, path.y});
@@ -386,7 +387,7 @@ class Planner {
           const double above = near ? std::min(kLinkAboveMm, std::max(here.lift_mm, there.lift_mm)) : kLinkAboveMm;
           const double centre = std::max({highest_between(here.centre.head<2>(), there.centre.head<2>()) + above,
                                           here.centre.z(), there.centre.z()});
-          tip_from = std::min(tip_from, centre - radius_ * axis_.z());
+          tip_from = std::min(tip_from, centre - radius_ * std::cos(lean_.angle_rad));
           tip_from = std::max({tip_from, pose(here).tip_mm.z(), pose(there).tip_mm.z()});
         }
         link(at_height(pose(here), tip_from));
@@ -409,9 +410,9 @@ class Planner {
   Box2 beside_;  ///< a ball whose centre is outside does not touch the block
   detail::PathTolerance tolerance_, arc_tolerance_;
   std::optional<OutlineRegion> within_;
-  std::vector<detail::FixedTilt> tilts_;
+  std::vector<detail::Lean> leans_;  ///< that keep the contact window, the best first
   std::optional<detail::LeadField> lead_;
-  Vec3 axis_ = Vec3::UnitZ();
+  detail::Lean lean_;
 };
 
 }  // namespace

@@ -14,6 +14,11 @@ namespace lightmill {
 
 enum class AxisPolicy { kFixed, kVertical, kLeadTilt };
 
+/// The angle between axis and surface normal stays within this window (but with vertical axes): below, the ball's dead centre
+/// rubs; above, the contact nears the shank.
+inline constexpr double kLeastContactAngle = 10 * kPi / 180;
+inline constexpr double kMostContactAngle = 55 * kPi / 180;
+
 enum class Strategy {
   kOneWay,  ///< passes along one direction, beside each other, lifted back between them
   kZigZag,  ///< every other pass backwards: quicker, but the edge cuts now with, now against the feed
@@ -27,9 +32,9 @@ struct FinishOptions {
   Strategy strategy = Strategy::kOneWay;
   double angle_rad = 0;     ///< of the passes (of the spiral's rectangle) from +X
   AxisPolicy axis = AxisPolicy::kFixed;
-  double tilt_rad = 30 * kPi / 180;  ///< of the fixed axis from +Z; of lead_tilt: lead from the normal along the pass
+  double tilt_rad = 30 * kPi / 180;  ///< of the fixed axis from +Z; of lead_tilt from the smoothed normal
   double tilt_direction_rad =
-      -kPi / 2;                      ///< where the fixed axis leans, from the passes' direction (default: to their right,
+      -kPi / 2;                      ///< where the axis leans, from the passes' direction (0: lead; default: to their right,
                                      ///< which makes them climb milling); tilt and direction give way to the slopes
   double chord_tolerance_mm = 5e-5;  ///< of the ball's centre path
   double longest_segment_mm = 0.2;

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "cam/finishing.h"
 #include "cli/crease_report.h"
 #include "cli/pages.h"
 #include "cli/stage_runs.h"
@@ -16,6 +17,9 @@ namespace lightmill {
 using nlohmann::json;
 
 namespace {
+
+constexpr double kLeastContactDeg = kLeastContactAngle * 180 / kPi;
+constexpr double kMostContactDeg = kMostContactAngle * 180 / kPi;
 
 constexpr const char* kStyle = R"(
 :root { --ink: #1c2430; --soft: #5b6675; --line: #dde2e8; --ground: #f5f6f8; --good: #1d7a46; --bad: #b3261e; --maybe: #a15c00; }
@@ -72,6 +76,12 @@ class Figures {
       verdict = good ? "<span class=ok>ok</span>" : "<span class=no>too high</span>";
     }
     line(what, fixed(value, decimals) + (unit.empty() ? "" : " " + unit), limit_text, verdict);
+  }
+  void row_at_least(const json::json_pointer& at, const std::string& what, const std::string& unit, int decimals, double limit) {
+    if (!report_.contains(at)) return;
+    const double value = report_.at(at).get<double>();
+    line(what, fixed(value, decimals) + " " + unit, "at least " + compact(limit, 6),
+         value >= limit - 0.5 * std::pow(10.0, -decimals) ? "<span class=ok>ok</span>" : "<span class=no>too low</span>");
   }
   void flag(const char* pointer, const std::string& what, const std::string& yes, const std::string& no) {
     const json::json_pointer p(pointer);
@@ -205,6 +215,11 @@ std::string warnings_box(const Job& job, const json& report) {
          number_at(report, "/cam/reachable/max_residue_um", 1) + " µm of material stay there; the picture \"Out of the ball's reach\" shows where.");
   }
   for (const char* pass : kPassNames) {
+    const json::json_pointer contact(std::string("/cam/") + pass + "/contact");
+    if (report.contains(contact) && report.at(contact).at("least_angle_deg") < kLeastContactDeg - 0.05) {
+      item(std::string(pass) + ": the ball touches down to " + fixed(report.at(contact).at("least_angle_deg"), 1) + " degrees from its axis, where the edge hardly moves (" +
+           fixed(report.at(contact).at("slowest_m_per_min"), 0) + " m/min) and rubs; axis = \"fixed\" or \"lead_tilt\" keep " + compact(kLeastContactDeg, 3) + " degrees.");
+    }
     const json::json_pointer at(std::string("/postproc/") + pass);
     if (report.contains(at)) program_warnings(report.at(at), pass, item);
     const std::string slow = report.value(json::json_pointer(std::string("/dry_run/") + pass + "/note"), "");
@@ -302,8 +317,11 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/cam/solid/volume_mm3", "volume", "mm³", 1);
   figures.row("/cam/blank/height_mm", "blank height", "mm", 1);
   figures.row("/cam/finish/predicted_cusp_um", "cusp that finishing plans", "µm", 2, job.dry_run.cusp_limit_um);
-  figures.row("/cam/finish/contact/least_angle_deg", "finishing: contact from the axis, least", "°", 1);
-  figures.row("/cam/finish/contact/most_angle_deg", "finishing: contact from the axis, most", "°", 1, 55.0);
+  for (const auto& [pass, name] : {std::pair("semi_finish", "semi-finishing"), std::pair("finish", "finishing")}) {
+    const std::string contact = std::string("/cam/") + pass + "/contact/";
+    figures.row_at_least(json::json_pointer(contact + "least_angle_deg"), std::string(name) + ": contact from the axis, least", "°", 1, kLeastContactDeg);
+    figures.row((contact + "most_angle_deg").c_str(), std::string(name) + ": contact from the axis, most", "°", 1, kMostContactDeg);
+  }
   figures.row("/cam/finish/contact/slowest_m_per_min", "finishing: slowest cutting speed", "m/min", 0);
   figures.row("/cam/reachable/unreachable_area_mm2", "out of the ball's reach", "mm²", 2);
   figures.row("/cam/creases/length_mm", "concave creases sharper than the ball", "mm", 0);

@@ -1,5 +1,7 @@
 #include "cam/detail/tool_axis.h"
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -50,48 +52,56 @@ double steepest_of(const std::vector<Vec3>& normals) {
   return std::acos(least);
 }
 
-}  // namespace
-
-Vec3 FixedTilt::axis() const {
-  return {std::sin(tilt_rad) * std::cos(direction_rad), std::sin(tilt_rad) * std::sin(direction_rad),
-          std::cos(tilt_rad)};
+/// The lean asked for, then others by how little they differ from it.
+std::vector<Lean> leans_around(double angle_rad, double direction_rad, int step_degrees) {
+  std::vector<std::pair<int, Lean>> others;
+  for (int da = -20; da <= 20; da += step_degrees) {
+    const double angle = angle_rad + da * kDegree;
+    if (angle < 12 * kDegree || angle > 50 * kDegree) continue;
+    for (int dd = -12; dd < 12; ++dd) {
+      if (da != 0 || dd != 0) others.push_back({std::abs(da) + std::abs(dd), {angle, direction_rad + dd * 15 * kDegree}});
+    }
+  }
+  std::stable_sort(others.begin(), others.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<Lean> leans{{angle_rad, direction_rad}};
+  for (const auto& [cost, lean] : others) leans.push_back(lean);
+  return leans;
 }
 
-std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad, double direction_rad,
-                                   const OutlineRegion* within) {
+bool keeps_window(const Lean& lean) {
+  constexpr double kRounding = 0.0022;  // of slopes in bins
+  return lean.least_contact_rad >= kLeastContactAngle + kRounding && lean.most_contact_rad <= kMostContactAngle - kRounding;
+}
+
+void set_contact(Lean& lean, double least_cosine, double most_cosine) {
+  lean.least_contact_rad = std::acos(std::clamp(most_cosine, -1.0, 1.0));
+  lean.most_contact_rad = std::acos(std::clamp(least_cosine, -1.0, 1.0));
+}
+
+}  // namespace
+
+Vec3 fixed_axis(const Lean& lean) {
+  return {std::sin(lean.angle_rad) * std::cos(lean.direction_rad), std::sin(lean.angle_rad) * std::sin(lean.direction_rad),
+          std::cos(lean.angle_rad)};
+}
+
+std::vector<Lean> fixed_tilts(const SplineSurface& surface, double tilt_rad, double direction_rad,
+                              const OutlineRegion* within) {
   const std::vector<Vec3> normals = distinct_normals(surface, within);
-  const auto measured = [&](double tilt, double direction) {
-    FixedTilt t{tilt, direction, 0, 0};
-    const Vec3 axis = t.axis();
+  std::vector<Lean> leans = leans_around(tilt_rad, direction_rad, 1);
+  for (Lean& lean : leans) {
+    const Vec3 axis = fixed_axis(lean);
     double least = 1, most = -1;
     for (const Vec3& n : normals) {
       const double c = n.dot(axis);
       least = std::min(least, c);
       most = std::max(most, c);
     }
-    t.least_contact_rad = std::acos(std::clamp(most, -1.0, 1.0));
-    t.most_contact_rad = std::acos(std::clamp(least, -1.0, 1.0));
-    return t;
-  };
-  const auto keeps = [](const FixedTilt& t) {
-    return t.least_contact_rad >= kLeastContactAngle && t.most_contact_rad <= kMostContactAngle;
-  };
-  std::vector<FixedTilt> found;
-  const FixedTilt wished = measured(tilt_rad, direction_rad);
-  if (keeps(wished)) found.push_back(wished);
-  std::vector<std::pair<double, FixedTilt>> others;
-  for (int dt = -20; dt <= 20; ++dt) {
-    const double tilt = tilt_rad + dt * kDegree;
-    if (tilt < 12 * kDegree || tilt > 50 * kDegree) continue;
-    for (int dd = -12; dd < 12; ++dd) {
-      if (dt == 0 && dd == 0) continue;
-      const FixedTilt t = measured(tilt, direction_rad + dd * 15 * kDegree);
-      if (keeps(t)) others.emplace_back(std::abs(dt) + std::abs(dd), t);
-    }
+    set_contact(lean, least, most);
   }
-  std::stable_sort(others.begin(), others.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-  for (const auto& [cost, t] : others) found.push_back(t);
-  if (found.empty()) {
+  const Lean wished = leans.front();
+  std::erase_if(leans, [](const Lean& lean) { return !keeps_window(lean); });
+  if (leans.empty()) {
     throw InputError("finish.axis: no fixed tilt keeps the ball's contact between " + degrees(kLeastContactAngle) +
                      " and " + degrees(kMostContactAngle) + " degrees from the axis; the surface is up to " +
                      degrees(steepest_of(normals)) + " degrees steep, and " + degrees(tilt_rad) +
@@ -99,11 +109,10 @@ std::vector<FixedTilt> fixed_tilts(const SplineSurface& surface, double tilt_rad
                      degrees(wished.most_contact_rad) +
                      "; use axis = \"lead_tilt\", or a longer focal distance or a smaller picture");
   }
-  return found;
+  return leans;
 }
 
-LeadField::LeadField(const SplineSurface& surface, double lead_rad, const Vec2& along, const OutlineRegion* within)
-    : lead_(lead_rad), along_(along) {
+LeadField::LeadField(const SplineSurface& surface, const Vec2& along) : surface_(surface), along_(along) {
   constexpr double kSigmaMm = 3;
   constexpr double kPitchMm = 0.5;
   constexpr double kMarginMm = 6;
@@ -146,36 +155,48 @@ LeadField::LeadField(const SplineSurface& surface, double lead_rad, const Vec2& 
       slopes_.at(i, j) = value;
     }
   }
+}
 
-  // The least lead that keeps the window everywhere and stays clear of the pole, where a rotary table would spin.
+std::vector<Lean> LeadField::leans(double angle_rad, double direction_rad, const OutlineRegion* within) const {
   constexpr double kLeastFromVertical = 5 * kDegree;
-  const int sx = std::clamp(surface.spans_x(), 16, 800);
-  const int sy = std::clamp(surface.spans_y(), 16, 800);
-  std::string why;
-  for (int raise = 0; raise <= 15; ++raise) {
-    lead_ = lead_rad + raise * kDegree;
-    double least = kPi, most = 0, upright = kPi;
-    for (int j = 0; j <= sy; ++j) {
-      for (int i = 0; i <= sx; ++i) {
-        const double x = extent.min.x() + extent.size().x() * i / sx;
-        const double y = extent.min.y() + extent.size().y() * j / sy;
-        if (within && !within->contains({x, y})) continue;
-        const Vec3 a = axis(x, y);
-        const double contact = std::acos(std::clamp(a.dot(surface.normal(x, y)), -1.0, 1.0));
-        least = std::min(least, contact);
-        most = std::max(most, contact);
-        upright = std::min(upright, std::acos(std::clamp(a.z(), -1.0, 1.0)));
-      }
-    }
-    if (least >= kLeastContactAngle && most <= kMostContactAngle && upright >= kLeastFromVertical) return;
-    if (raise == 0) {
-      why = "a lead of " + degrees(lead_) + " degrees gives contact angles from " + degrees(least) + " to " +
-            degrees(most) + " degrees and an axis down to " + degrees(upright) + " degrees from vertical";
+  constexpr int kStepDegrees = 4;
+  constexpr std::size_t kMostFound = 12;
+  const Box2& extent = surface_.extent();
+  const int nx = std::clamp(surface_.spans_x(), 16, 800);
+  const int ny = std::clamp(surface_.spans_y(), 16, 800);
+  std::vector<std::pair<Vec3, Vec2>> places;  // normal, and the slope that the axis follows
+  for (int j = 0; j <= ny; ++j) {
+    for (int i = 0; i <= nx; ++i) {
+      const Vec2 p = extent.min + extent.size().cwiseProduct(Vec2(i, j)).cwiseQuotient(Vec2(nx, ny));
+      if (!within || within->contains(p)) places.emplace_back(surface_.normal(p.x(), p.y()), slope(p.x(), p.y()));
     }
   }
-  throw InputError("finish.axis: no lead keeps the ball's contact between " + degrees(kLeastContactAngle) + " and " +
-                   degrees(kMostContactAngle) + " degrees and the axis " + degrees(kLeastFromVertical) +
-                   " degrees from vertical (" + why + "); use axis = \"fixed\", or a longer focal distance");
+  std::vector<Lean> found;
+  std::string wished;
+  for (Lean lean : leans_around(angle_rad, direction_rad, kStepDegrees)) {
+    double least = 1, most = -1, upright = -1;
+    for (const auto& [normal, followed] : places) {
+      const Vec3 a = axis(followed, lean);
+      const double c = normal.dot(a);
+      least = std::min(least, c);
+      most = std::max(most, c);
+      upright = std::max(upright, a.z());
+    }
+    set_contact(lean, least, most);
+    const double from_vertical = std::acos(std::clamp(upright, -1.0, 1.0));
+    if (wished.empty()) {
+      wished = "a lean of " + degrees(angle_rad) + " degrees gives contact angles from " + degrees(lean.least_contact_rad) + " to " +
+               degrees(lean.most_contact_rad) + " degrees and an axis down to " + degrees(from_vertical) + " degrees from vertical";
+    }
+    if (keeps_window(lean) && from_vertical >= kLeastFromVertical) found.push_back(lean);
+    if (found.size() == kMostFound) break;
+  }
+  if (found.empty()) {
+    throw InputError("finish.axis: no lean from the normal keeps the ball's contact between " + degrees(kLeastContactAngle) +
+                     " and " + degrees(kMostContactAngle) + " degrees and the axis " + degrees(kLeastFromVertical) +
+                     " degrees from vertical (" + wished + "); use axis = \"fixed\", or a longer focal distance");
+  }
+  return found;
 }
 
 Vec2 LeadField::slope(double x, double y) const {
@@ -189,11 +210,15 @@ Vec2 LeadField::slope(double x, double y) const {
          b * ((1 - a) * slopes_.at(i, j + 1) + a * slopes_.at(i + 1, j + 1));
 }
 
-Vec3 LeadField::axis(double x, double y) const {
-  const Vec2 g = slope(x, y);
-  const Vec3 normal = Vec3(-g.x(), -g.y(), 1).normalized();
-  const Vec3 forward = Vec3(along_.x(), along_.y(), g.dot(along_)).normalized();  // along the pass, in the surface
-  return (std::cos(lead_) * normal + std::sin(lead_) * forward).normalized();
+Vec3 LeadField::axis(const Vec2& slope, const Lean& lean) const {
+  const Vec3 normal = Vec3(-slope.x(), -slope.y(), 1).normalized();
+  const Vec3 forward = Vec3(along_.x(), along_.y(), slope.dot(along_)).normalized();  // along the pass, in the surface
+  const Vec3 towards = std::cos(lean.direction_rad) * forward + std::sin(lean.direction_rad) * normal.cross(forward);
+  return std::cos(lean.angle_rad) * normal + std::sin(lean.angle_rad) * towards;
+}
+
+Vec3 LeadField::axis(double x, double y, const Lean& lean) const {
+  return axis(slope(x, y), lean);
 }
 
 }  // namespace lightmill::detail

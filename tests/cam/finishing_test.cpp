@@ -555,10 +555,16 @@ INSTANTIATE_TEST_SUITE_P(Strategies, Entries,
 
 TEST(Climb, OneWayPassesMeetTheEdgeThatComesTowardsThem) {
   const auto s = hilly(62, {9, 7});
-  for (const Strategy strategy : {Strategy::kOneWay, Strategy::kZigZag}) {
+  struct Way {
+    Strategy strategy;
+    AxisPolicy axis;
+  };
+  for (const auto& [strategy, axis] : {Way{Strategy::kOneWay, AxisPolicy::kFixed}, Way{Strategy::kZigZag, AxisPolicy::kFixed},
+                                       Way{Strategy::kOneWay, AxisPolicy::kLeadTilt}}) {
     FinishOptions options;
     options.cusp_um = 8;
     options.strategy = strategy;
+    options.axis = axis;
     options.angle_rad = 0.4;
     const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), options);
     double climb = 0, all = 0;
@@ -666,6 +672,25 @@ TEST(Clearance, AHolderThatWouldTouchIsAnErrorAndALongerCutterIsNot) {
   EXPECT_THROW(plan_finishing(s, blank_for(s), thick, options), InputError);
   EXPECT_THROW(plan_finishing(s, blank_for(s), cutter("rough_10mm"), options), InputError);
   EXPECT_THROW(plan_finishing(s, Blank{{50, 44}, 40}, finishing_ball(), options), InputError);
+}
+
+TEST(Clearance, TheAxisLeansAnotherWayWhereTheHolderWouldTouch) {
+  // A wall's foot to the right of the passes, where the axis leans if nobody minds.
+  const auto s = spline_of(Box2::centred({30, 30}), 30, 30, [&](double, double y) { return 10 + 3 * (1 - std::tanh((y + 6) / 4)); });
+  FinishOptions options;
+  options.cusp_um = 60;
+  options.longest_segment_mm = 2;
+  options.chord_tolerance_mm = 1e-3;
+  Cutter wide = finishing_ball();
+  wide.holder = {{9, 40, 9, 12}};
+  for (const AxisPolicy axis : {AxisPolicy::kFixed, AxisPolicy::kLeadTilt}) {
+    options.axis = axis;
+    const auto lean = [&](const Cutter& cutter) {
+      const ToolPath path = plan_finishing(s, blank_for(s), cutter, options);
+      return path.moves[path.moves.size() / 2].pose.axis;
+    };
+    EXPECT_GT(lean(wide).y(), lean(finishing_ball()).y() + 0.1) << "away from the wall";
+  }
 }
 
 TEST(Contact, AngleAndSpeedOnAPlaneAreTheClosedForms) {
