@@ -199,6 +199,7 @@ void WordReader::set_speed_and_tool(Request& request) {
   if (request.change) {
     tool_ = selected_;
     spindle_ = 5;
+    if (!fanuc_) path_.forget_lead();  // LinuxCNC asks the machine where it stands
     core_.say(ProgramStep::kChangeTool, tool_);
   }
   if (request.spindle >= 0) {
