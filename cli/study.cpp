@@ -28,22 +28,25 @@ namespace {
 
 /// Finishing starts from the design and this: more than any error that is studied.
 constexpr double kSemiFinished_mm = 0.05;
+/// A coarser stock does not see the slopes of cusps, only their beat with its nodes.
+constexpr double kNodesPerCusp = 8;
+constexpr double kFinestPitch_um = 10;
 
 /// What all cases of a study share.
 class Shop {
  public:
-  Shop(const Job& job, const RunFolder& folder, double pitch_um)
-      : design_(read_spline(folder.needed("cam/spline.bin", "cam"))), blank_(shop_of(job, folder).blank), light_(job, design_, blank_) {
-    stock_.pitch_mm = pitch_um / 1000;
-  }
+  Shop(const Job& job, const RunFolder& folder)
+      : design_(read_spline(folder.needed("cam/spline.bin", "cam"))), blank_(shop_of(job, folder).blank), light_(job, design_, blank_) {}
   [[nodiscard]] const SplineSurface& design() const { return design_; }
   [[nodiscard]] const Blank& blank() const { return blank_; }
   [[nodiscard]] const MachinedLight& light() const { return light_; }
 
   /// The semi-finished blank, `feed(stock)` milled with the cutter.
   template <typename Feed>
-  MachinedSurface mill(const Cutter& cutter, Feed&& feed) const {
-    StockModel stock(blank_, stock_);
+  MachinedSurface mill(const Cutter& cutter, double pitch_um, Feed&& feed) const {
+    StockOptions options;
+    options.pitch_mm = pitch_um / 1000;
+    StockModel stock(blank_, options);
     stock.lower_to([&](const Vec2& p) { return design_.height(p.x(), p.y()) + kSemiFinished_mm; });
     stock.set_cutter(cutter);
     feed(stock);
@@ -55,7 +58,6 @@ class Shop {
   SplineSurface design_;
   Blank blank_;
   MachinedLight light_;
-  StockOptions stock_;
 };
 
 std::string table_of(const std::vector<std::string>& heads, const std::vector<std::vector<std::string>>& rows) {
@@ -234,7 +236,7 @@ Milled measure(const Job& job, const Shop& shop, const MachinedSurface& surface)
 }  // namespace
 
 void study_cusp(const Job& job, const RunFolder& folder, const StudyOptions& options, const Monitor& monitor) {
-  const Shop shop(job, folder, options.pitch_um);
+  const Shop shop(job, folder);
   const double rapid = read_machine(job.machine.file).x.max_speed_mm_per_s;
   FinishOptions finish = job.finish.options;
   finish.outline = shop.light().outline_if_beside();
@@ -250,7 +252,8 @@ void study_cusp(const Job& job, const RunFolder& folder, const StudyOptions& opt
     finish.cusp_um = options.cusps_um[k];
     const ToolPath path = plan_finishing(shop.design(), shop.blank(), job.finish.cutter, finish, part.part(0, 0.3));
     part.report("milling", 0.3);
-    const MachinedSurface surface = shop.mill(path.cutter, [&](StockModel& stock) {
+    const double pitch_um = std::min(options.pitch_um, std::max(kFinestPitch_um, 1000 * path.stepover_mm / kNodesPerCusp));
+    const MachinedSurface surface = shop.mill(path.cutter, pitch_um, [&](StockModel& stock) {
       for (std::size_t i = 1; i < path.moves.size(); ++i) {
         const Move& move = path.moves[i];
         if (move.kind != MoveKind::kCut && move.kind != MoveKind::kPlunge) continue;
@@ -262,7 +265,7 @@ void study_cusp(const Job& job, const RunFolder& folder, const StudyOptions& opt
         stock.move(swept);
       }
     });
-    json row = {{"cusp_um", finish.cusp_um}, {"stepover_mm", path.stepover_mm}, {"minutes", path.minutes(rapid)}, {"l1_error", json::array()}};
+    json row = {{"cusp_um", finish.cusp_um}, {"stepover_mm", path.stepover_mm}, {"pitch_um", pitch_um}, {"minutes", path.minutes(rapid)}, {"l1_error", json::array()}};
     std::vector<std::string> cells = {compact(finish.cusp_um, 3), fixed(path.stepover_mm, 3), fixed(path.minutes(rapid), 0)};
     for (std::size_t s = 0; s < options.polish_sigmas_um.size(); ++s) {
       part.report("tracing light", 0.5 + 0.5 * static_cast<double>(s) / options.polish_sigmas_um.size());
@@ -285,13 +288,13 @@ void study_cusp(const Job& job, const RunFolder& folder, const StudyOptions& opt
       "<p>Picture error through the finished lens for cusps of every height, as milled and after a polish that smooths the heights by a "
       "Gaussian of the given sigma (a model). The finest stepover costs the most time; the curves say where it stops to pay.</p>\n" +
       line_plot(errors, axes) + "\n" + line_plot({minutes}, {"planned cusp height, um", "minutes of finishing", true, true}) + "\n" + table_of(heads, table) +
-      "<p class=soft>" + escaped("Stock at " + compact(options.pitch_um, 1) + " um pitch, so that light as milled or polished by less than that is only roughly right; "
-      "minutes at the planned feeds; designed surface alone: " + fixed(folder.report().value("/design/caustic/l1_error"_json_pointer, 0.0), 3) + ".") + "</p>\n";
-  write_study(folder, "study_cusp", {{"pitch_um", options.pitch_um}, {"rows", rows}}, page(job.name + ": what cusp is good enough?", body));
+      "<p class=soft>" + escaped("Stock with " + compact(kNodesPerCusp, 2) + " nodes from cusp to cusp, but no finer than " + compact(kFinestPitch_um, 2) + " and no coarser than " +
+              compact(options.pitch_um, 2) + " um: light as milled is right to about a tenth; minutes at the planned feeds; designed surface alone: " + fixed(folder.report().value("/design/caustic/l1_error"_json_pointer, 0.0), 3) + ".") + "</p>\n";
+  write_study(folder, "study_cusp", {{"rows", rows}}, page(job.name + ": what cusp is good enough?", body));
 }
 
 void study_errors(const Job& job, const RunFolder& folder, const StudyOptions& options, const Monitor& monitor) {
-  const Shop shop(job, folder, options.pitch_um);
+  const Shop shop(job, folder);
   MachineModel machine = read_machine(job.machine.file);
   machine.controller = job.controller.dialect;
   SimulatedShop floor = shop_of(job, folder);
@@ -321,7 +324,7 @@ void study_errors(const Job& job, const RunFolder& folder, const StudyOptions& o
       WorkpieceView view(machine, setup.workpiece_origin_mm, errors);
       std::vector<SweptMove> pieces;
       const RunOut turning = as_a_ball(job.finish.cutter, errors, lean_rad);
-      const MachinedSurface surface = shop.mill(turning.cutter, [&](StockModel& stock) {
+      const MachinedSurface surface = shop.mill(turning.cutter, options.pitch_um, [&](StockModel& stock) {
         for (const Motion& motion : motions) {
           pieces.clear();
           view.sweep(motion, job.finish.cutter.length_mm, {}, pieces);

@@ -12,7 +12,7 @@
 namespace lightmill {
 
 struct StudyOptions {
-  double pitch_um = 40;                                     ///< of the stock: coarser is quicker
+  double pitch_um = 40;                                     ///< of the stock, at most: cusps are seen by finer ones
   std::vector<double> cusps_um{0.5, 1, 1.5, 3, 6, 12};      ///< planned
   std::vector<double> polish_sigmas_um{0, 25, 50, 100, 200};
   int seeds = 1;                                            ///< signs drawn for every error; the worst counts
