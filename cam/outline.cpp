@@ -17,7 +17,8 @@ constexpr double kOffsetPitchMm = 0.05;  ///< of the places that a way around is
 constexpr double kChordMm = 0.002;
 constexpr double kStandOffMm = 0.003;  ///< beyond the radius: what chords cut off, those between the places, too
 constexpr double kKeptMm = 6;  ///< outside the outline the surface is as fitted so far,
-constexpr double kFadeMm = 8;  ///< and goes over into level ground within this
+constexpr double kFadeMm = 8;  ///< and goes over into level ground within this, or more where it would fall steeper than this:
+constexpr double kSteepest = 1;
 
 double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
 
@@ -35,6 +36,13 @@ bool cross_each_other(const Vec2& a, const Vec2& b, const Vec2& c, const Vec2& d
 std::vector<Vec2> corners(const Outline& outline) {
   const Vec2 h = outline.size_mm / 2;
   return {{-h.x(), -h.y()}, {h.x(), -h.y()}, {h.x(), h.y()}, {-h.x(), h.y()}};
+}
+
+/// From the outline; 0 inside it.
+double distance_outside(const Outline& outline, const Vec2& place) {
+  if (outline.shape == Outline::Shape::kRectangle) return (place.cwiseAbs() - outline.size_mm / 2).cwiseMax(0).norm();
+  if (outline.contains(place)) return 0;
+  return outline.shape == Outline::Shape::kDisk ? place.norm() - outline.size_mm.x() / 2 : distance_to_loop(outline.loop_mm, place);
 }
 
 /// As few of the places as leave the others within kChordMm of the polygon.
@@ -196,25 +204,41 @@ std::vector<Vec2> way_around(const Outline& outline, double radius_mm) {
   return thinned_loop(way);
 }
 
-SplineSurface faded_outside(const SplineSurface& surface, const Outline& outline) {
-  if (outline.shape == Outline::Shape::kRectangle) return surface;
-  const std::vector<Vec2> border = outline_places(outline, 0.2);
-  double ground = std::numeric_limits<double>::infinity();
-  for (const Vec2& p : border) ground = std::min(ground, surface.height(p.x(), p.y()));
-  Grid<double> coefficients = surface.coefficients();
+SplineSurface faded_outside(const SplineSurface& surface, const Outline& outline, double drop_mm) {
+  const std::vector<Vec2> border = outline_places(outline, 0.1);
+  double ground = std::numeric_limits<double>::infinity(), top = -ground;
+  for (const Vec2& p : border) {
+    const double h = surface.height(p.x(), p.y());
+    ground = std::min(ground, h);
+    top = std::max(top, h);
+  }
+  // What falls outwards from the border comes to rest on a floor, C2: from half of the drop on it bends.
+  const double half_drop = std::min(drop_mm, std::max(ground, 0.0) / 2) / 2;
+  const auto held = [&](double h) {
+    if (h >= ground - half_drop) return h;
+    const double u = half_drop > 0 ? std::max(0.0, (h - ground) / (2 * half_drop) + 1.5) : 0;
+    return ground - 2 * half_drop + half_drop * u * u * u * (2 - u);
+  };
+  constexpr double kSteepestShare = 1.875;  // of the share's slope over the mean one
+  const double fade_mm = std::max(kFadeMm, kSteepestShare * (top - ground) / kSteepest);
   const Vec2 span = surface.span_mm();
-  parallel_blocks(coefficients.height, 4, [&](std::size_t begin, std::size_t end) {
+  const int padding = static_cast<int>(std::ceil((kKeptMm + fade_mm) / span.minCoeff())) + 3;
+  Grid<double> padded = SplineSurface(surface.extent(), surface.spans_x(), surface.spans_y(), surface.coefficients(), padding).padded_coefficients();
+  parallel_blocks(padded.height, 4, [&](std::size_t begin, std::size_t end) {
     for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
-      for (int i = 0; i < coefficients.width; ++i) {
-        const Vec2 place = surface.extent().min + span.cwiseProduct(Vec2(i - 1, j - 1));
-        if (outline.contains(place)) continue;
-        const double t = std::clamp((distance_to_loop(border, place) - kKeptMm) / kFadeMm, 0.0, 1.0);
+      for (int i = 0; i < padded.width; ++i) {
+        const Vec2 place = surface.extent().min + span.cwiseProduct(Vec2(i - padding - 1, j - padding - 1));
+        // Coefficients within two spans of the lens shape it.
+        const double distance = distance_outside(outline, place);
+        if (distance <= 2 * span.maxCoeff()) continue;
+        double& c = padded.at(i, j);
+        const double t = std::clamp((distance - kKeptMm) / fade_mm, 0.0, 1.0);
         const double share = t * t * t * (10 - t * (15 - 6 * t));  // C2 at both ends
-        coefficients.at(i, j) += share * (ground - coefficients.at(i, j));
+        c = held(c) + share * (ground - held(c));
       }
     }
   });
-  return {surface.extent(), surface.spans_x(), surface.spans_y(), std::move(coefficients)};
+  return SplineSurface::with_padded(surface.extent(), surface.spans_x(), surface.spans_y(), padding, std::move(padded));
 }
 
 }  // namespace lightmill

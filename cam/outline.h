@@ -32,8 +32,9 @@ Outline with_land(const Outline& outline, double width_mm);
 /// farther than it could be. Throws InputError where the mill does not fit into the outline.
 std::vector<Vec2> way_around(const Outline& outline, double radius_mm);
 
-/// The surface as it is up to 6 mm outside the outline, then going over into a level ground at the lowest place of the
-/// outline: nothing that a fit makes up far from the lens matters to the cutters.
-SplineSurface faded_outside(const SplineSurface& surface, const Outline& outline);
+/// The surface as it is up to 6 mm outside the outline, then going over into level ground at the lowest place of the border,
+/// for good; nowhere outside lower than `drop_mm` (or half the lens's thickness there) below that ground. So nothing that a
+/// fit makes up far from the lens matters to the cutters, and none is led below the land or the back.
+SplineSurface faded_outside(const SplineSurface& surface, const Outline& outline, double drop_mm);
 
 }  // namespace lightmill

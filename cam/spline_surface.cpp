@@ -104,8 +104,8 @@ double extreme(const SplineSurface& surface, Better better) {
 
 }  // namespace
 
-SplineSurface::SplineSurface(const Box2& extent, int spans_x, int spans_y, Grid<double> coefficients)
-    : extent_(extent), spans_x_(spans_x), spans_y_(spans_y), coefficients_(std::move(coefficients)) {
+SplineSurface::SplineSurface(const Box2& extent, int spans_x, int spans_y, Grid<double> coefficients, int padding)
+    : extent_(extent), spans_x_(spans_x), spans_y_(spans_y), padding_(padding), coefficients_(std::move(coefficients)) {
   if (!(extent.size().x() > 0 && extent.size().y() > 0)) throw InputError("spline surface: the extent is empty");
   if (spans_x < 1 || spans_y < 1) throw InputError("spline surface: needs at least one span along x and y");
   if (coefficients_.width != spans_x + 3 || coefficients_.height != spans_y + 3) {
@@ -113,8 +113,18 @@ SplineSurface::SplineSurface(const Box2& extent, int spans_x, int spans_y, Grid<
                      std::to_string(coefficients_.height) + " coefficients, must be (spans_x + 3) x (spans_y + 3)");
   }
   per_mm_ = Vec2(spans_x / extent.size().x(), spans_y / extent.size().y());
-  first_ = extent.min - kPadding * span_mm();
-  padded_ = padded(coefficients_, kPadding);
+  first_ = extent.min - padding * span_mm();
+  padded_ = padded(coefficients_, padding);
+}
+
+SplineSurface SplineSurface::with_padded(const Box2& extent, int spans_x, int spans_y, int padding, Grid<double> padded) {
+  Grid<double> inner(std::max(0, padded.width - 2 * padding), std::max(0, padded.height - 2 * padding));
+  for (int j = 0; j < inner.height; ++j) {
+    for (int i = 0; i < inner.width; ++i) inner.at(i, j) = padded.at(i + padding, j + padding);
+  }
+  SplineSurface surface(extent, spans_x, spans_y, std::move(inner), padding);
+  surface.padded_ = std::move(padded);
+  return surface;
 }
 
 Vec3 SplineSurface::normal(double x, double y) const {

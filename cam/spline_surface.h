@@ -12,9 +12,9 @@
 namespace lightmill {
 
 /// z = h(x, y) over a rectangle, uniform knots, (spans_x + 3) x (spans_y + 3) coefficients. A cutter overlaps the
-/// border: outside the rectangle the surface goes on C2 for 24 spans, straight but for details along the border, which
-/// fade, and then straight for good. (Straight on from every border point, a crease that leaves the lens askew would
-/// become a step that grows with the distance.)
+/// border: outside the rectangle the surface goes on C2 for padding() spans, straight but for details along the border,
+/// which fade (or as it is told to), and then straight for good. (Straight on from every border point, a crease that leaves
+/// the lens askew would become a step that grows with the distance.)
 class SplineSurface {
  public:
   struct Sample {
@@ -26,7 +26,9 @@ class SplineSurface {
   SplineSurface() = default;
   /// `coefficients` is (spans_x + 3) x (spans_y + 3); row 0 at the smallest y. Throws InputError on sizes that do not
   /// match, an empty extent or fewer than one span.
-  SplineSurface(const Box2& extent, int spans_x, int spans_y, Grid<double> coefficients);
+  SplineSurface(const Box2& extent, int spans_x, int spans_y, Grid<double> coefficients, int padding = kPadding);
+  /// Going on outside its rectangle as told: `padded` has `padding` coefficients more on every side. Throws as above.
+  static SplineSurface with_padded(const Box2& extent, int spans_x, int spans_y, int padding, Grid<double> padded);
 
   [[nodiscard]] const Box2& extent() const { return extent_; }
   [[nodiscard]] int spans_x() const { return spans_x_; }
@@ -35,8 +37,8 @@ class SplineSurface {
   /// Size of one span, mm.
   [[nodiscard]] Vec2 span_mm() const { return {1 / per_mm_.x(), 1 / per_mm_.y()}; }
 
-  /// `coefficients()` and kPadding more on every side, which make the surface outside the rectangle.
-  static constexpr int kPadding = 24;
+  /// `coefficients()` and padding() more on every side, which make the surface outside the rectangle.
+  [[nodiscard]] int padding() const { return padding_; }
   [[nodiscard]] const Grid<double>& padded_coefficients() const { return padded_; }
 
   [[nodiscard]] double height(double x, double y) const;
@@ -49,9 +51,12 @@ class SplineSurface {
   [[nodiscard]] double highest() const;
 
  private:
+  static constexpr int kPadding = 24;
+
   Box2 extent_;
   int spans_x_ = 0;
   int spans_y_ = 0;
+  int padding_ = kPadding;
   Vec2 per_mm_{1, 1};  ///< spans per mm
   Vec2 first_{0, 0};   ///< where the padded knots begin
   Grid<double> coefficients_;
@@ -99,8 +104,8 @@ SplineFit fit_spline(const SurfaceMesh& mesh, const Box2& extent, const SplineFi
 // Evaluation is what every tool path and check spends its time on: it lives here to be inlined.
 
 inline SplineSurface::Sample SplineSurface::sample(double x, double y) const {
-  const detail::SplineBasis bx = detail::spline_basis(x - first_.x(), per_mm_.x(), spans_x_ + 2 * kPadding);
-  const detail::SplineBasis by = detail::spline_basis(y - first_.y(), per_mm_.y(), spans_y_ + 2 * kPadding);
+  const detail::SplineBasis bx = detail::spline_basis(x - first_.x(), per_mm_.x(), spans_x_ + 2 * padding_);
+  const detail::SplineBasis by = detail::spline_basis(y - first_.y(), per_mm_.y(), spans_y_ + 2 * padding_);
   Sample result;
   const double* c = padded_.values.data() + static_cast<std::size_t>(by.first) * padded_.width + bx.first;
   for (int j = 0; j < 4; ++j, c += padded_.width) {
@@ -118,8 +123,8 @@ inline SplineSurface::Sample SplineSurface::sample(double x, double y) const {
 }
 
 inline double SplineSurface::height(double x, double y) const {
-  const detail::SplineBasis bx = detail::spline_basis(x - first_.x(), per_mm_.x(), spans_x_ + 2 * kPadding);
-  const detail::SplineBasis by = detail::spline_basis(y - first_.y(), per_mm_.y(), spans_y_ + 2 * kPadding);
+  const detail::SplineBasis bx = detail::spline_basis(x - first_.x(), per_mm_.x(), spans_x_ + 2 * padding_);
+  const detail::SplineBasis by = detail::spline_basis(y - first_.y(), per_mm_.y(), spans_y_ + 2 * padding_);
   double h = 0;
   const double* c = padded_.values.data() + static_cast<std::size_t>(by.first) * padded_.width + bx.first;
   for (int j = 0; j < 4; ++j, c += padded_.width) {

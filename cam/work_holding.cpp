@@ -9,7 +9,31 @@
 
 namespace lightmill {
 
+namespace {
+
+/// Of the cutter at a pose, along Z.
+double lowest_z(const Cutter& cutter, const ToolPose& pose) {
+  const double corner = cutter.corner_radius_mm;
+  const double flat = std::max(0.0, cutter.radius_mm() - corner);
+  const double sine = std::sqrt(std::max(0.0, 1 - pose.axis.z() * pose.axis.z()));
+  return pose.tip_mm.z() - corner * (1 - pose.axis.z()) - flat * sine;
+}
+
+void refuse_below_back(const ToolPath& path) {
+  constexpr double kRoundedMm = 1e-6;
+  for (const Move& move : path.moves) {
+    const double z = lowest_z(path.cutter, move.pose);
+    if (z >= -kRoundedMm) continue;
+    const Vec3& p = move.pose.tip_mm;
+    throw InputError(path.pass + ": the cutter '" + path.cutter.name + "' would go " + fixed(-z, 2) + " mm below the back of the blank near x " +
+                     fixed(p.x(), 1) + ", y " + fixed(p.y(), 1) + " mm; make the lens thicker (lens.thickness_mm), or less steep at its border");
+  }
+}
+
+}  // namespace
+
 void refuse_contact(const ToolPath& path, const std::vector<KeepOut>& keep_outs) {
+  refuse_below_back(path);
   if (keep_outs.empty()) return;
   constexpr double kNearMm = 0.5, kEveryMm = 0.5;
   std::vector<KeepOut> grown = keep_outs;

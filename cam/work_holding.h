@@ -6,8 +6,9 @@
 
 namespace lightmill {
 
-/// Throws InputError naming pass and place where any of the cutter, its shank or its holder comes nearer than 0.5 mm to a keep-out
-/// on any move (looked at every half millimetre); the boxes count as standing on the table.
+/// Throws InputError naming pass and place where the cutter goes below the back of the blank (z = 0), or where any of the cutter,
+/// its shank or its holder comes nearer than 0.5 mm to a keep-out on any move (looked at every half millimetre); the boxes count
+/// as standing on the table.
 void refuse_contact(const ToolPath& path, const std::vector<KeepOut>& keep_outs);
 
 /// Height of the highest keep-out, or of the blank if that is higher: rapids stay above.

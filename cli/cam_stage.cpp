@@ -78,7 +78,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
   const Box2 extent = Box2::centred(job.lens.size_mm);
   const SplineFit fit = fit_spline(mesh, extent, job.spline_fit, monitor.part(0, 0.1));
-  const SplineSurface surface = faded_outside(fit.surface, outline);
+  const SplineSurface surface = faded_outside(fit.surface, outline, job.land.drop_mm);
   const Blank blank = blank_of(job, surface);
   write_spline(folder.file("cam/spline.bin"), surface);
 

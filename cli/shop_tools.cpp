@@ -138,7 +138,7 @@ int check_machinability(const Job& job, const RunFolder& folder) {
   const SurfaceMesh mesh = read_ply(folder.needed("design/surface.ply", "design"));
   const SplineFit fit = fit_spline(mesh, Box2::centred(job.lens.size_mm), job.spline_fit);
   const Outline outline = outline_of(scene_of(job).lens);
-  const SplineSurface surface = faded_outside(fit.surface, outline);
+  const SplineSurface surface = faded_outside(fit.surface, outline, job.land.drop_mm);
   const OutlineRegion lens(outline, 0);
   const Vec2 size = surface.extent().size();
   const double pitch = std::clamp(size.maxCoeff() / 1000, 0.05, 0.1);

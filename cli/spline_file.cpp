@@ -11,13 +11,14 @@ namespace lightmill {
 
 namespace {
 
-constexpr char kMagic[8] = {'L', 'M', 'S', 'P', 'L', 'N', '0', '1'};
+constexpr char kMagic[8] = {'L', 'M', 'S', 'P', 'L', 'N', '0', '2'};
 
 struct Header {
   char magic[8];
   double extent[4];
   std::int32_t spans_x;
   std::int32_t spans_y;
+  std::int64_t padding;
 };
 
 }  // namespace
@@ -32,8 +33,9 @@ void write_spline(const std::filesystem::path& path, const SplineSurface& surfac
   header.extent[3] = box.max.y();
   header.spans_x = surface.spans_x();
   header.spans_y = surface.spans_y();
+  header.padding = surface.padding();
   std::string bytes(reinterpret_cast<const char*>(&header), sizeof header);
-  const auto& values = surface.coefficients().values;
+  const auto& values = surface.padded_coefficients().values;
   bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(double));
   write_whole(path, bytes);
 }
@@ -45,14 +47,16 @@ SplineSurface read_spline(const std::filesystem::path& path) {
   if (bytes.size() < sizeof header) throw fail();
   std::memcpy(&header, bytes.data(), sizeof header);
   if (std::memcmp(header.magic, kMagic, sizeof kMagic) != 0 || header.spans_x < 1 || header.spans_y < 1 ||
-      header.spans_x > 100000 || header.spans_y > 100000) {
+      header.spans_x > 100000 || header.spans_y > 100000 || header.padding < 1 || header.padding > 10000) {
     throw fail();
   }
-  Grid<double> coefficients(header.spans_x + 3, header.spans_y + 3);
-  if (bytes.size() != sizeof header + coefficients.values.size() * sizeof(double)) throw fail();
-  std::memcpy(coefficients.values.data(), bytes.data() + sizeof header, coefficients.values.size() * sizeof(double));
+  const int padding = static_cast<int>(header.padding);
+  const std::size_t width = header.spans_x + 3 + 2 * padding, height = header.spans_y + 3 + 2 * padding;
+  if (bytes.size() != sizeof header + width * height * sizeof(double)) throw fail();
+  Grid<double> padded(static_cast<int>(width), static_cast<int>(height));
+  std::memcpy(padded.values.data(), bytes.data() + sizeof header, padded.values.size() * sizeof(double));
   const Box2 extent{{header.extent[0], header.extent[1]}, {header.extent[2], header.extent[3]}};
-  return {extent, header.spans_x, header.spans_y, std::move(coefficients)};
+  return SplineSurface::with_padded(extent, header.spans_x, header.spans_y, padding, std::move(padded));
 }
 
 }  // namespace lightmill

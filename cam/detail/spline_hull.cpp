@@ -6,7 +6,7 @@ SplineHull::SplineHull(const SplineSurface& surface, double margin_mm) : surface
   const auto fill = [&](std::vector<Functionals>& cells, int spans, double span_mm) {
     const int margin = static_cast<int>(std::ceil(margin_mm / span_mm)) + 1;
     for (int k = -margin; k < spans + margin; ++k) {
-      cells.push_back(functionals(k + SplineSurface::kPadding, spans + 2 * SplineSurface::kPadding, 1 / span_mm));
+      cells.push_back(functionals(k + surface.padding(), spans + 2 * surface.padding(), 1 / span_mm));
     }
     return margin * span_mm;
   };

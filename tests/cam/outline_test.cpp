@@ -154,15 +154,48 @@ TEST(FadedOutside, KeepsTheLensAndEndsInLevelGround) {
   const auto hollow = [](double x, double y) { return 15 - 0.01 * (x * x + y * y) + 0.02 * x; };
   const auto s = test::spline_of(Box2::centred({60, 50}), 120, 100, hollow);
   const Outline outline = disk(20);
-  const SplineSurface faded = faded_outside(s, outline);
-  const double ground = 15 - 0.01 * 100 - 0.02 * 10;
-  for (double y = -24.5; y < 25; y += 0.7) {
-    for (double x = -29.5; x < 30; x += 0.7) {
+  const double ground = 15 - 0.01 * 100 - 0.02 * 10, drop = 3;
+  const SplineSurface faded = faded_outside(s, outline, drop);
+  for (double y = -44.5; y < 45; y += 0.7) {
+    for (double x = -49.5; x < 50; x += 0.7) {
       const double r = std::hypot(x, y);
-      if (r < 10 + 6 - 1.5) {
+      if (r < 10 + 6 - 1.5 && s.height(x, y) > ground - drop / 2 + 0.2) {
         EXPECT_DOUBLE_EQ(faded.height(x, y), s.height(x, y));
       } else if (r > 10 + 14 + 1.5) {
         EXPECT_NEAR(faded.height(x, y), ground, 0.01);
+      }
+      EXPECT_GE(faded.height(x, y), ground - drop);
+    }
+  }
+}
+
+/// A 45 degree wedge's outlines, each touching the extent, so that beside it there are none of the fit's coefficients.
+TEST(FadedOutside, LeadsNoCutterBelowTheLandOrTheBackHoweverLargeTheBlank) {
+  const Vec2 size(12, 10);
+  const auto s = test::spline_of(Box2::centred(size), 24, 20, [](double x, double y) { return 10 + x + 0.1 * y; });
+  Outline rectangle;
+  rectangle.size_mm = size;
+  Outline triangle;
+  triangle.shape = Outline::Shape::kLoop;
+  triangle.loop_mm = {{-6, -5}, {6, -5}, {1, 5}};
+  for (const Outline& outline : {rectangle, disk(10), triangle}) {
+    double ground = 1e9;
+    for (const Vec2& p : outline_places(outline, 0.1)) ground = std::min(ground, s.height(p.x(), p.y()));
+    for (const double drop : {0.2, 1.0, 1000.0}) {
+      const SplineSurface faded = faded_outside(s, outline, drop);
+      const double floor = ground - std::min(drop, ground / 2);
+      for (double y = -60; y <= 60; y += 0.5) {
+        for (double x = -60; x <= 60; x += 0.5) {
+          const double h = faded.height(x, y);
+          if (outline.contains({x, y})) {
+            EXPECT_NEAR(h, s.height(x, y), 1e-12);
+          } else if (std::abs(x) > 8 || std::abs(y) > 7) {
+            EXPECT_GE(h, floor - 1e-9) << x << " " << y;
+          }
+          if (std::hypot(x, y) > 50) {
+            EXPECT_NEAR(h, ground, 1e-9) << x << " " << y;
+          }
+        }
       }
     }
   }

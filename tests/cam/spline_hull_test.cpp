@@ -36,7 +36,7 @@ TEST(SplineHull, HoldsEverySlopeAndCurvatureOfItsCell) {
     const auto curvatures = hull.curvatures(column, row);
     ASSERT_TRUE(inside(at.hx, slopes.x) && inside(at.hy, slopes.y)) << x << " " << y;
     ASSERT_TRUE(inside(at.hxx, curvatures.xx) && inside(at.hxy, curvatures.xy) && inside(at.hyy, curvatures.yy)) << x << " " << y;
-    off_the_padding += x < kExtent.min.x() - SplineSurface::kPadding * s.span_mm().x();
+    off_the_padding += x < kExtent.min.x() - s.padding() * s.span_mm().x();
   }
   EXPECT_GT(off_the_padding, 1000);
 }

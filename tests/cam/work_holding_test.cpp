@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <tuple>
+
 #include "cam/finishing.h"
 #include "cam/roughing.h"
 #include "design/core/errors.h"
@@ -39,6 +41,23 @@ TEST(WorkHolding, JawsBelowThePathsAreMilledOverAndHigherOnesRefusedWithThePlace
   blank.keep_outs = vise_jaws(blank.size_mm, {30, 15, 12.5});
   EXPECT_THAT(refusal([&] { plan_roughing(s, blank, mill, {}); }), AllOf(HasSubstr("rough: the cutter or shank"), HasSubstr("holds the work near x"), HasSubstr("z 13.0")));
   EXPECT_THAT(refusal([&] { plan_finishing(s, blank, ball, {}); }), AllOf(HasSubstr("finish"), HasSubstr("near x")));
+}
+
+TEST(WorkHolding, NoCutterGoesBelowTheBackOfTheBlank) {
+  // The lowest place of a leaning ball lies below its tip, that of a flat mill on its rim.
+  const double lean = 0.5;
+  const Vec3 axis(std::sin(lean), 0, std::cos(lean));
+  for (const auto& [name, corner, below_tip] :
+       {std::tuple("finish_4mm_ball", 2.0, 2 * (1 - std::cos(lean))), {"rough_10mm", 0.5, 0.5 * (1 - std::cos(lean)) + 4.5 * std::sin(lean)}}) {
+    ToolPath path;
+    path.pass = "finish";
+    path.cutter = test::cutter(name);
+    ASSERT_EQ(path.cutter.corner_radius_mm, corner);
+    path.moves.push_back({{Vec3(3, 2, below_tip + 1e-4), axis}, MoveKind::kCut, 10});
+    EXPECT_EQ(refusal([&] { refuse_contact(path, {}); }), "planned");
+    path.moves.back().pose.tip_mm.z() -= 0.05;
+    EXPECT_THAT(refusal([&] { refuse_contact(path, {}); }), HasSubstr("0.05 mm below the back of the blank near x 3.0, y 2.0"));
+  }
 }
 
 TEST(WorkHolding, RapidsStayAboveTheHighestClamp) {
