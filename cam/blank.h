@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "design/core/geometry.h"
+#include "design/core/grid.h"
 
 namespace lightmill {
 
@@ -18,6 +19,12 @@ struct Blank {
   Vec2 size_mm{100, 100};
   double height_mm = 0;
   std::vector<KeepOut> keep_outs{};  ///< nothing of a cutter may enter one
+};
+
+/// What stands when a pass is over: heights at even nodes from corner to corner of the blank.
+struct RestMaterial {
+  Box2 extent;
+  Grid<float> heights_mm;
 };
 
 }  // namespace lightmill

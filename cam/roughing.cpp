@@ -29,6 +29,7 @@ constexpr double kFinalScallopMm = 0.25;  ///< aim for what the last raster leav
 constexpr int kMostTraverses = 400;       ///< of a pit, each 3 degrees or a slot's depth deeper
 constexpr double kLiftMm = 0.1;           ///< a higher step is climbed before the cut
 constexpr double kDeepestShare = 1.3;     ///< of the stepdown: what a cut may reach where lines left steps
+constexpr double kShankAirMm = 0.2;       ///< between a shank wider than the mill and what stands
 constexpr double kSideMm = 0.75;          ///< more of the cut on the left than on the right is conventional milling ...
 constexpr double kSideDepthMm = 0.05;     ///< ... where it is deeper than this
 constexpr float kNothing = -1e6f;
@@ -41,6 +42,31 @@ double profile(const Cutter& mill, double r) {
   const double d = std::min(r - flat, c);
   return c - std::sqrt(std::max(0.0, c * c - d * d));
 }
+
+/// What of the cutter is above its flutes, the holder apart.
+std::vector<ToolPiece> shank_pieces(const Cutter& mill) {
+  std::vector<ToolPiece> pieces = mill.shank;
+  const double from = pieces.empty() ? mill.flute_length_mm : pieces.back().to_mm;
+  pieces.push_back({from, std::max(from, mill.reach_mm()), mill.shank_diameter_mm / 2, mill.shank_diameter_mm / 2});
+  return pieces;
+}
+
+double widest_radius(const std::vector<ToolPiece>& pieces) {
+  double widest = 0;
+  for (const ToolPiece& piece : pieces) widest = std::max({widest, piece.from_radius_mm, piece.to_radius_mm});
+  return widest;
+}
+
+/// Height above the tip of the lowest of the pieces that reaches out to r.
+double underside(const std::vector<ToolPiece>& pieces, double r) {
+  double low = std::numeric_limits<double>::infinity();
+  for (const ToolPiece& piece : pieces) {
+    if (r <= std::max(piece.from_radius_mm, piece.to_radius_mm)) low = std::min(low, piece.from_mm);
+  }
+  return low;
+}
+
+bool wider_shank(const Cutter& mill) { return widest_radius(shank_pieces(mill)) > mill.radius_mm() + 1e-9; }
 
 /// A node's offset under the cutter.
 struct Offset {
@@ -79,6 +105,16 @@ class Rougher {
       }
       rows_.back().end = static_cast<int>(offsets_.size());
     }
+    if (!wider_shank(mill)) return;
+    const std::vector<ToolPiece> pieces = shank_pieces(mill);
+    shank_radius_ = widest_radius(pieces) + kShankAirMm;
+    for (int j = -static_cast<int>(shank_radius_ / dy_); j <= static_cast<int>(shank_radius_ / dy_); ++j) {
+      for (int i = -static_cast<int>(shank_radius_ / dx_); i <= static_cast<int>(shank_radius_ / dx_); ++i) {
+        const double r = std::hypot(i * dx_, j * dy_);
+        const double up = underside(pieces, std::max(0.0, r - kShankAirMm)) - kShankAirMm;
+        if (r > radius_ && std::isfinite(up)) under_shank_.push_back({i, j, static_cast<float>(up), false});
+      }
+    }
   }
 
   ToolPath plan(const Monitor& monitor) {
@@ -113,10 +149,6 @@ class Rougher {
     }
     monitor.report("following the offset surface", 0.8);
     raster(kNoLevel, 0, fine, monitor);
-    if (moves_.empty()) {
-      throw InputError("rough: the blank of " + compact(blank_.height_mm, 4) +
-                       " mm leaves nothing to rough; leave this pass out");
-    }
 
     ToolPath path;
     path.pass = "rough";
@@ -125,6 +157,7 @@ class Rougher {
     path.stepover_mm = stride * dy_;
     path.predicted_cusp_um = most_left_mm() * 1e3;
     path.clearance_z_mm = clearance_z_;
+    if (moves_.empty()) return path;
     // The last move ends in a rapid at a safe height.
     lift_to(clearance_z_);
     push(moves_.back().pose.tip_mm + Vec3(0, 0, options_.clearance_mm), MoveKind::kRapid, 0);
@@ -167,13 +200,26 @@ class Rougher {
     for (float& h : target_.values) h += static_cast<float>(margin_mm_);
   }
 
-  /// Lowest tip heights that leave the target alone everywhere: its dilation by the cutter's shape.
+  /// Lowest tip heights that leave the target alone everywhere: its dilation by the cutter's shape, shank and all.
   void dilate(const Monitor& monitor) {
     tip_ = Grid<float>(tip_columns(), tip_rows(), kNothing);
+    raise_tips(around_);
+    monitor.check();
+    lowest_tip_ = std::numeric_limits<double>::infinity();
+    for (const float z : tip_.values) {
+      if (z > kNothing / 2) lowest_tip_ = std::min(lowest_tip_, static_cast<double>(z));
+    }
+    // Beside the block nothing holds the tip up but the lowest place it is needed.
+    for (float& z : tip_.values) z = std::max(z, static_cast<float>(lowest_tip_));
+    raise_tips(under_shank_);
+  }
+
+  /// To where these parts of the cutter clear the target.
+  void raise_tips(const std::vector<Offset>& parts) {
     parallel_blocks(tip_rows(), 8, [&](std::size_t begin, std::size_t end) {
       for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
         float* tip = &tip_.at(0, row);
-        for (const Offset& o : around_) {
+        for (const Offset& o : parts) {
           const int j = row - rim_y_ + o.j;
           if (j < 0 || j > block_ny_) continue;
           const float* h = &target_.at(0, j);
@@ -187,19 +233,11 @@ class Rougher {
         }
       }
     });
-    monitor.check();
-    lowest_tip_ = std::numeric_limits<double>::infinity();
-    for (const float z : tip_.values) {
-      if (z > kNothing / 2) lowest_tip_ = std::min(lowest_tip_, static_cast<double>(z));
-    }
-    // Beside the block nothing holds the tip up but the lowest place it is needed.
-    for (float& z : tip_.values) z = std::max(z, static_cast<float>(lowest_tip_));
   }
 
   /// Tips that carry cutter, shank and holder over clamps and jaws, wherever the lens does not need them lower.
   void stay_over_keep_outs() {
-    std::vector<ToolPiece> above = mill_.shank;
-    above.push_back({mill_.flute_length_mm, mill_.length_mm, mill_.shank_diameter_mm / 2, mill_.shank_diameter_mm / 2});
+    std::vector<ToolPiece> above = shank_pieces(mill_);
     above.insert(above.end(), mill_.holder.begin(), mill_.holder.end());
     for (const KeepOut& k : blank_.keep_outs) {
       for (int j = 0; j < tip_rows(); ++j) {
@@ -208,10 +246,7 @@ class Rougher {
           const double x = std::max({k.min_mm.x() - x_of(i), x_of(i) - k.max_mm.x(), 0.0});
           const double y = std::max({k.min_mm.y() - y_of(j), y_of(j) - k.max_mm.y(), 0.0});
           const double r = std::max(0.0, std::hypot(x, y) - kBesideMm);
-          double low = r <= radius_ ? profile(mill_, r) : std::numeric_limits<double>::infinity();
-          for (const ToolPiece& piece : above) {
-            if (r <= std::max(piece.from_radius_mm, piece.to_radius_mm)) low = std::min(low, piece.from_mm);
-          }
+          const double low = r <= radius_ ? profile(mill_, r) : underside(above, r);
           tip_.at(i, j) = std::max(tip_.at(i, j), static_cast<float>(k.max_mm.z() + kAboveMm - low));
         }
       }
@@ -294,6 +329,17 @@ class Rougher {
     return z;
   }
 
+  /// The lowest tip whose shank, where that is wider than the mill, is clear of what stands.
+  [[nodiscard]] double shank_held(int i, int j) const {
+    float z = kNothing;
+    for (const Offset& o : under_shank_) {
+      const int a = i - rim_x_ + o.i;
+      const int b = j - rim_y_ + o.j;
+      if (a >= 0 && b >= 0 && a <= block_nx_ && b <= block_ny_) z = std::max(z, stock_.at(a, b) - o.up);
+    }
+    return z;
+  }
+
   void remove(int i, int j, double z) {
     const int ci = i - rim_x_;
     const int cj = j - rim_y_;
@@ -323,7 +369,7 @@ class Rougher {
 
   void mill_line(double level, double over, int j) {
     std::vector<double> wish(tip_columns());
-    for (int i = 0; i < tip_columns(); ++i) wish[i] = std::max(level, tip_.at(i, j) + over);
+    for (int i = 0; i < tip_columns(); ++i) wish[i] = std::max({level, tip_.at(i, j) + over, shank_held(i, j)});
     // Forward, and where a ramp or a slot has left something, back and forth until nothing is left.
     for (int traverse = 0; traverse < kMostTraverses; ++traverse) {
       std::vector<char> need(tip_columns());
@@ -470,19 +516,20 @@ class Rougher {
 
   /// Highest stock under the cutter on the straight way between two places.
   [[nodiscard]] double highest_between(const Vec3& a, const Vec3& b) const {
+    const double reach = std::max(radius_, shank_radius_);
     const auto clamped = [](double u, int most) { return std::clamp(static_cast<int>(std::lround(u)), 0, most); };
-    const int i0 = clamped((std::min(a.x(), b.x()) - radius_ - box_.min.x()) / dx_ - 1, block_nx_);
-    const int i1 = clamped((std::max(a.x(), b.x()) + radius_ - box_.min.x()) / dx_ + 1, block_nx_);
-    const int j0 = clamped((std::min(a.y(), b.y()) - radius_ - box_.min.y()) / dy_ - 1, block_ny_);
-    const int j1 = clamped((std::max(a.y(), b.y()) + radius_ - box_.min.y()) / dy_ + 1, block_ny_);
+    const int i0 = clamped((std::min(a.x(), b.x()) - reach - box_.min.x()) / dx_ - 1, block_nx_);
+    const int i1 = clamped((std::max(a.x(), b.x()) + reach - box_.min.x()) / dx_ + 1, block_nx_);
+    const int j0 = clamped((std::min(a.y(), b.y()) - reach - box_.min.y()) / dy_ - 1, block_ny_);
+    const int j1 = clamped((std::max(a.y(), b.y()) + reach - box_.min.y()) / dy_ + 1, block_ny_);
     float highest = kNothing;
     for (int j = j0; j <= j1; ++j) {
       for (int i = i0; i <= i1; ++i) highest = std::max(highest, stock_.at(i, j));
     }
     Box2 way;
     for (const Vec3& end : {a, b}) {
-      way.include(end.head<2>() - Vec2::Constant(radius_ + kBesideMm));
-      way.include(end.head<2>() + Vec2::Constant(radius_ + kBesideMm));
+      way.include(end.head<2>() - Vec2::Constant(reach + kBesideMm));
+      way.include(end.head<2>() + Vec2::Constant(reach + kBesideMm));
     }
     for (const KeepOut& k : blank_.keep_outs) {
       const bool beside = k.min_mm.x() > way.max.x() || k.max_mm.x() < way.min.x() || k.min_mm.y() > way.max.y() || k.max_mm.y() < way.min.y();
@@ -516,12 +563,14 @@ class Rougher {
   const RoughOptions& options_;
   double radius_, cut_feed_;
   double slot_depth_;
+  double shank_radius_ = 0;  ///< with its air, where it is wider than the mill
   Box2 box_;
   int block_nx_ = 0, block_ny_ = 0, rim_x_ = 0, rim_y_ = 0;
   double dx_ = 0, dy_ = 0;
-  std::vector<Offset> offsets_;  ///< under the cutter
-  std::vector<Row> rows_;        ///< of them
-  std::vector<Offset> around_;   ///< and a cell beside it
+  std::vector<Offset> offsets_;      ///< under the cutter
+  std::vector<Row> rows_;            ///< of them
+  std::vector<Offset> around_;       ///< and a cell beside it
+  std::vector<Offset> under_shank_;  ///< beside the mill, where the shank is wider
   Grid<float> target_, tip_, stock_;
   double margin_mm_ = 0, lowest_tip_ = 0, clearance_z_ = 0;
   std::vector<Move> moves_;
@@ -540,6 +589,13 @@ void check(const SplineSurface& surface, const Blank& blank, const Cutter& mill,
   }
   if (!(options.allowance_mm >= 0)) refuse("allowance_mm must be at least 0");
   if (!(options.stepdown_mm >= 0.05)) refuse("stepdown_mm must be at least 0.05");
+  const double most_stepdown = (mill.flute_length_mm - (wider_shank(mill) ? kShankAirMm : 0)) / kDeepestShare;
+  if (!(options.stepdown_mm <= most_stepdown + 1e-9)) {
+    refuse("stepdown_mm = " + compact(options.stepdown_mm, 3) + " is too much for '" + mill.name + "': where lines leave steps its " +
+           compact(mill.flute_length_mm, 3) + " mm of flutes cut " + compact(kDeepestShare, 2) + " times as deep" +
+           (wider_shank(mill) ? " below a shank that is wider" : "") + "; at most " + fixed(std::floor(most_stepdown * 100) / 100, 2) +
+           ", or a mill with longer flutes");
+  }
   if (!(options.stepover_mm >= kPitchMm && options.stepover_mm <= mill.diameter_mm)) {
     refuse("stepover_mm must be from " + compact(kPitchMm, 3) + " to the cutter's diameter");
   }
@@ -591,29 +647,55 @@ RoughChoice plan_faster_roughing(const SplineSurface& surface, const Blank& blan
   return choice;
 }
 
+namespace {
+
+/// Every node under a ball, with the height of the ball's underside there.
+template <typename Rest, typename See>
+void under_ball(Rest& rest, const Vec3& centre, double radius, See see) {
+  auto& h = rest.heights_mm;
+  const Vec2 pitch = rest.extent.size().cwiseQuotient(Vec2(h.width - 1, h.height - 1));
+  const Vec2 low = (centre.head<2>() - rest.extent.min - Vec2::Constant(radius)).cwiseQuotient(pitch);
+  const Vec2 high = (centre.head<2>() - rest.extent.min + Vec2::Constant(radius)).cwiseQuotient(pitch);
+  for (int j = std::max(0, static_cast<int>(std::ceil(low.y()))); j <= std::min<double>(h.height - 1, high.y()); ++j) {
+    for (int i = std::max(0, static_cast<int>(std::ceil(low.x()))); i <= std::min<double>(h.width - 1, high.x()); ++i) {
+      const Vec2 away = rest.extent.min + Vec2(i, j).cwiseProduct(pitch) - centre.head<2>();
+      const double square = radius * radius - away.squaredNorm();
+      if (square > 0) see(h.at(i, j), centre.z() - std::sqrt(square));
+    }
+  }
+}
+
+bool cuts(const Move& move) { return move.kind == MoveKind::kCut || move.kind == MoveKind::kPlunge; }
+
+}  // namespace
+
 double deepest_cut_mm(const RestMaterial& rest, const ToolPath& path) {
   constexpr double kEveryMm = 1;
-  const Grid<float>& h = rest.heights_mm;
-  const Vec2 pitch = rest.extent.size().cwiseQuotient(Vec2(h.width - 1, h.height - 1));
   const double radius = path.cutter.radius_mm();
   double deepest = 0;
   Vec3 last = Vec3::Constant(std::numeric_limits<double>::infinity());
   for (const Move& move : path.moves) {
-    if (move.kind != MoveKind::kCut && move.kind != MoveKind::kPlunge) continue;
     const Vec3 centre = move.pose.tip_mm + radius * move.pose.axis;
-    if ((centre - last).norm() < kEveryMm) continue;
+    if (!cuts(move) || (centre - last).norm() < kEveryMm) continue;
     last = centre;
-    const Vec2 low = (centre.head<2>() - rest.extent.min - Vec2::Constant(radius)).cwiseQuotient(pitch);
-    const Vec2 high = (centre.head<2>() - rest.extent.min + Vec2::Constant(radius)).cwiseQuotient(pitch);
-    for (int j = std::max(0, static_cast<int>(std::ceil(low.y()))); j <= std::min<double>(h.height - 1, high.y()); ++j) {
-      for (int i = std::max(0, static_cast<int>(std::ceil(low.x()))); i <= std::min<double>(h.width - 1, high.x()); ++i) {
-        const Vec2 away = rest.extent.min + Vec2(i, j).cwiseProduct(pitch) - centre.head<2>();
-        const double square = radius * radius - away.squaredNorm();
-        if (square > 0) deepest = std::max(deepest, h.at(i, j) - (centre.z() - std::sqrt(square)));
-      }
-    }
+    under_ball(rest, centre, radius, [&](float stands, double z) { deepest = std::max(deepest, stands - z); });
   }
   return deepest;
+}
+
+RestMaterial after_pass(RestMaterial rest, const ToolPath& path) {
+  constexpr double kEveryMm = 0.25;
+  const double radius = path.cutter.radius_mm();
+  const auto centre = [&](const Move& move) { return Vec3(move.pose.tip_mm + radius * move.pose.axis); };
+  for (std::size_t k = 1; k < path.moves.size(); ++k) {
+    if (!cuts(path.moves[k])) continue;
+    const Vec3 from = centre(path.moves[k - 1]), to = centre(path.moves[k]);
+    const int pieces = std::max(1, static_cast<int>(std::ceil((to - from).norm() / kEveryMm)));
+    for (int m = 0; m <= pieces; ++m) {
+      under_ball(rest, from + (to - from) * m / pieces, radius, [](float& stands, double z) { stands = std::min(stands, static_cast<float>(z)); });
+    }
+  }
+  return rest;
 }
 
 }  // namespace lightmill

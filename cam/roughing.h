@@ -27,15 +27,9 @@ struct RoughOptions {
 
 /// Vertical axis, climb milling, entered from beside the block, no plunge into material. Where the mill engages wider than the
 /// stepover (a pit's first line, behind islands) it is, at half feed, no deeper than its slot_depth_mm; nowhere deeper than
-/// 1.3 stepdowns.
+/// 1.3 stepdowns. A shank wider than the mill keeps away from what stands. Without moves where the blank leaves nothing to rough.
 ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill,
                        const RoughOptions& options, const Monitor& monitor = {});
-
-/// What stands when a pass is over: heights at even nodes from corner to corner of the blank.
-struct RestMaterial {
-  Box2 extent;
-  Grid<float> heights_mm;
-};
 
 /// How the mill meets the material, seen on the planner's grid.
 struct RoughCutting {
@@ -58,5 +52,8 @@ RoughChoice plan_faster_roughing(const SplineSurface& surface, const Blank& blan
 
 /// The deepest that a ball's cutting moves reach below what stands when they start, along Z.
 double deepest_cut_mm(const RestMaterial& rest, const ToolPath& path);
+
+/// What a ball's cutting moves leave of it.
+RestMaterial after_pass(RestMaterial rest, const ToolPath& path);
 
 }  // namespace lightmill

@@ -117,7 +117,8 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
 
   std::vector<ToolPath> passes;
   RoughChoice rough = plan_faster_roughing(surface, blank, job.rough.cutter, job.rough.options, monitor.part(0.38, 0.48));
-  passes.push_back(std::move(rough.path));
+  const bool roughed = !rough.path.moves.empty();
+  if (roughed) passes.push_back(std::move(rough.path));
   passes.push_back(plan_finishing(surface, blank, job.semi_finish.cutter, semi_finish, monitor.part(0.48, 0.62)));
   // Above its flutes nothing cuts.
   const double deepest_mm = deepest_cut_mm(rough.rest, passes.back());
@@ -191,11 +192,15 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
                                  {"most_diameter_mm", contact.most_diameter_mm},
                                  {"climb_share", contact.climb_share}};
   }
-  cam["rough"]["conventional_share"] = rough.cutting.conventional_share();
-  cam["rough"]["strategy"] = rough.way == RoughWay::kLayers ? "layers" : "levels";
+  if (roughed) {
+    cam["rough"]["conventional_share"] = rough.cutting.conventional_share();
+    cam["rough"]["strategy"] = rough.way == RoughWay::kLayers ? "layers" : "levels";
+    cam["rough"]["levels_minutes"] = rough.levels_minutes;
+    cam["rough"]["layers_minutes"] = rough.layers_minutes;
+  } else {
+    cam["rough"]["strategy"] = "left out: the blank stands no higher over the lens than roughing would leave it";
+  }
   cam["semi_finish"]["deepest_cut_mm"] = deepest_mm;
-  cam["rough"]["levels_minutes"] = rough.levels_minutes;
-  cam["rough"]["layers_minutes"] = rough.layers_minutes;
   cam["creases"] = creases_json(surface, reachable, job);
   if (rest) {
     cam["creases"]["rest"] = {{"ways", rest->ways},

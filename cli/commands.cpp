@@ -99,8 +99,8 @@ void print_summary(const RunFolder& folder, Progress& progress) {
                  " dB; relief " + figure("/design/surface/height_range_mm", 2) + " mm");
   }
   if (report.contains("/cam/finish"_json_pointer)) {
-    progress.say("cam:      blank " + figure("/cam/blank/height_mm", 1) + " mm high; rough " + figure("/cam/rough/minutes", 1) +
-                 ", semi-finish " + figure("/cam/semi_finish/minutes", 1) + ", finish " + figure("/cam/finish/minutes", 1) + " minutes");
+    progress.say("cam:      blank " + figure("/cam/blank/height_mm", 1) + " mm high; " +
+                 (report.contains("/cam/rough/minutes"_json_pointer) ? "rough " + figure("/cam/rough/minutes", 1) : "nothing to rough") + ", semi-finish " + figure("/cam/semi_finish/minutes", 1) + ", finish " + figure("/cam/finish/minutes", 1) + " minutes");
   }
   if (report.contains("/postproc/finish"_json_pointer)) {
     progress.say("programs: " + figure("/postproc/rough/blocks", 0) + " + " + figure("/postproc/semi_finish/blocks", 0) + " + " +

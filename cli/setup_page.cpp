@@ -93,7 +93,7 @@ std::string setup_page(const Job& job, const RunFolder& folder) {
             (widest > 0 ? "&empty; " + compact(2 * widest, 1) + " mm" : std::string("-")) + "</td><td class=n>" + compact(cutter.spindle_rpm, 0) +
             " rpm</td><td class=n>" + fixed(cutter.feed_mm_per_s() * 60, 0) + " mm/min</td><td>" + escaped(cutter.coolant) + "</td></tr>\n";
   };
-  tool(job.rough.cutter, "rough");
+  if (report.contains("/cam/rough/minutes"_json_pointer)) tool(job.rough.cutter, "rough");
   tool(job.semi_finish.cutter, "semi-finish");
   tool(job.finish.cutter, "finish");
   if (job.rest) tool(job.rest->cutter, "rest along creases");

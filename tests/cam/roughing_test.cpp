@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <random>
 
+#include "cam/outline.h"
 #include "design/core/errors.h"
 #include "tests/cam/path_check.h"
 
@@ -270,18 +271,112 @@ TEST(RoughingSlots, WhatIsWiderThanTheStepoverIsNoDeeperThanTheMillsData) {
   }
 }
 
+/// The time of a path by its moves alone.
+double minutes_of(const ToolPath& path, double rapid_mm_per_s) {
+  double s = 0;
+  for (std::size_t k = 1; k < path.moves.size(); ++k) {
+    const double way = (path.moves[k].pose.tip_mm - path.moves[k - 1].pose.tip_mm).norm();
+    s += way / (path.moves[k].kind == MoveKind::kRapid ? rapid_mm_per_s : path.moves[k].feed_mm_per_s);
+  }
+  return s / 60;
+}
+
 TEST(RoughingChoice, TakesTheFasterWayAndSaysBothTimes) {
-  for (const double height : {0.1, 2.0}) {
-    const auto s = spline_of(Box2::centred({24, 20}), 48, 40, [&](double x, double y) { return 14 + height * std::sin(x / 3) * std::sin(y / 3); });
-    const Blank blank{{24, 20}, s.highest() + 0.9};
-    const RoughChoice choice = plan_faster_roughing(s, blank, mill(), {});
+  struct Known {
+    const char* why;
+    double (*height)(double, double);
+    double stepdown_mm;
+    RoughWay faster;
+  };
+  const Known cases[] = {
+      {"a wedge within one level that asks for lines 3 mm apart: they alone, or every 4 mm and then every 3 mm again",
+       [](double, double y) { return 14 + 0.083 * y; }, 3.5, RoughWay::kLayers},
+      {"a steep wedge of many levels: lines 4 mm apart in each, or eight times as close in every layer",
+       [](double, double y) { return 14 + 0.7 * y; }, 1.5, RoughWay::kLevels}};
+  for (const Known& known : cases) {
+    const auto s = spline_of(Box2::centred({20, 16}), 40, 32, known.height);
+    const Blank blank{{20, 16}, s.highest() + 0.6};
     RoughOptions options;
-    EXPECT_EQ(plan_roughing(s, blank, mill(), options).minutes(200), choice.levels_minutes);
+    options.stepdown_mm = known.stepdown_mm;
+    const RoughChoice choice = plan_faster_roughing(s, blank, mill(), options);
+    EXPECT_EQ(choice.way, known.faster) << known.why;
+    const double levels = minutes_of(plan_roughing(s, blank, mill(), options), 200);
     options.way = RoughWay::kLayers;
-    EXPECT_EQ(plan_roughing(s, blank, mill(), options).minutes(200), choice.layers_minutes);
-    EXPECT_NE(choice.levels_minutes, choice.layers_minutes);
-    EXPECT_EQ(choice.path.minutes(200), std::min(choice.levels_minutes, choice.layers_minutes));
-    EXPECT_EQ(choice.way == RoughWay::kLayers, choice.layers_minutes < choice.levels_minutes);
+    const double layers = minutes_of(plan_roughing(s, blank, mill(), options), 200);
+    EXPECT_GT(std::max(levels, layers), 1.05 * std::min(levels, layers)) << known.why;
+    EXPECT_NEAR(choice.levels_minutes, levels, 1e-9);
+    EXPECT_NEAR(choice.layers_minutes, layers, 1e-9);
+    EXPECT_NEAR(minutes_of(choice.path, 200), std::min(levels, layers), 1e-9);
+  }
+}
+
+TEST(RoughingShank, KeepsAwayFromWhatStandsWhereItIsWiderThanTheMill) {
+  const auto flat = spline_of(Box2::centred({18, 12}), 36, 24, hills);
+  const auto steep = spline_of(Box2::centred({18, 12}), 36, 24, [](double x, double y) { return 12 + 0.65 * x + 0.1 * std::sin(y); });
+  const Vec2 size(20, 13);
+  Cutter stout = mill();
+  stout.flute_length_mm = 1.6;
+  stout.shank = {{1.6, 3, 4.5, 4.5}};
+  stout.shank_diameter_mm = 19;
+  RoughOptions options;
+  options.stepdown_mm = 0.9;
+  // The deepest that the shank, from 3 mm above the tip, is below what stands: in time order, by the test's own stock.
+  const auto deepest = [&](const ToolPath& path, const Blank& blank) {
+    OwnStock stock(blank, stout);
+    double most = -1e9;
+    for (std::size_t k = 1; k < path.moves.size(); ++k) {
+      const Vec3& a = path.moves[k - 1].pose.tip_mm;
+      const Vec3& b = path.moves[k].pose.tip_mm;
+      stock.sweep(a, b, path.moves[k].kind == MoveKind::kCut || path.moves[k].kind == MoveKind::kPlunge);
+      for (int j = 0; j <= stock.ny; ++j) {
+        for (int i = 0; i <= stock.nx; ++i) {
+          const double r = std::hypot(stock.x(i) - b.x(), stock.y(j) - b.y());
+          if (r > 5 && r < 9.5) most = std::max(most, stock.heights.at(i, j) - (b.z() + 3));
+        }
+      }
+    }
+    return most;
+  };
+  for (const SplineSurface* surface : {&flat, &steep}) {
+    const Blank blank{size, surface->highest() + 1.2};
+    const ToolPath path = plan_roughing(*surface, blank, stout, options);
+    EXPECT_LE(deepest(path, blank), 0);
+    EXPECT_LE(path.predicted_cusp_um, 2600);
+  }
+  Cutter slim = stout;
+  slim.shank_diameter_mm = 10;
+  const Blank blank{size, steep.highest() + 1.2};
+  EXPECT_GT(deepest(plan_roughing(steep, blank, slim, options), blank), 0.1) << "a plan that does not know of it runs into it: the judge sees that";
+}
+
+TEST(RoughingNothing, PlansNoMoveWhereTheBlankIsNoHigherThanRoughingWouldLeaveIt) {
+  const auto s = spline_of(Box2::centred({24, 20}), 24, 20, [](double x, double y) { return 14 + 0.05 * std::sin(x / 3 + y / 4); });
+  const Blank blank{{24, 20}, s.highest() + 0.1};
+  const RoughChoice plan = plan_faster_roughing(s, blank, mill(), {});
+  EXPECT_TRUE(plan.path.moves.empty());
+  EXPECT_EQ(plan.levels_minutes, 0);
+  for (const float h : plan.rest.heights_mm.values) EXPECT_FLOAT_EQ(h, static_cast<float>(blank.height_mm));
+}
+
+TEST(AfterPass, LeavesTheBallsUndersideAlongItsWay) {
+  RestMaterial rest{Box2::centred({20, 16}), Grid<float>(81, 65, 5.0F)};
+  ToolPath path;
+  path.cutter = test::cutter("semi_finish_4mm_ball");
+  const Vec3 axis = Vec3(0.3, 0.2, 1).normalized();
+  const auto at = [&](double x, double z, MoveKind kind) { path.moves.push_back({{Vec3(x, 1, z) - 2 * axis, axis}, kind, 10}); };
+  at(-8, 9, MoveKind::kRapid);
+  at(-4, 6, MoveKind::kLink);
+  at(6, 6, MoveKind::kCut);
+  at(0, 5, MoveKind::kLink);
+  const RestMaterial after = after_pass(rest, path);
+  for (int j = 0; j < 65; ++j) {
+    for (int i = 0; i < 81; ++i) {
+      const double x = -10 + 0.25 * i, y = -8 + 0.25 * j;
+      const double away2 = std::pow(y - 1, 2) + std::pow(std::max({0.0, -4 - x, x - 6}), 2);
+      const double expected = away2 < 4 ? std::min(5.0, 6 - std::sqrt(4 - away2)) : 5;
+      EXPECT_NEAR(after.heights_mm.at(i, j), expected, 0.02) << x << " " << y;
+      EXPECT_GE(after.heights_mm.at(i, j), expected - 1e-5);
+    }
   }
 }
 
@@ -325,6 +420,26 @@ TEST(RoughingRest, IsWhatTheCutterLeavesAndTellsHowDeepTheNextOneCuts) {
   EXPECT_GT(deepest, 0.3);
 }
 
+TEST(RoughingBesideTheLens, GoesNeitherBelowTheBackNorTheLand) {
+  // A wedge in a blank that is much larger: straight on, its low side would be 10 mm below the back.
+  const auto s = spline_of(Box2::centred({12, 10}), 24, 20, [](double x, double y) { return 7 + 0.5 * x + 0.1 * y; });
+  const Blank blank{{40, 38}, 11};
+  Outline outline;
+  outline.size_mm = {12, 10};
+  const double ground = 7 - 3 - 0.5, drop = 0.8;
+  const SplineSurface part = faded_outside(s, outline, drop);
+  const ToolPath path = plan_roughing(part, blank, mill(), {});
+  double lowest = 1e9;
+  for (const Move& m : path.moves) lowest = std::min(lowest, m.pose.tip_mm.z());
+  EXPECT_GT(lowest, ground - drop + 0.3);
+  try {
+    plan_roughing(s, blank, mill(), {});
+    ADD_FAILURE() << "planned below the back";
+  } catch (const InputError& e) {
+    EXPECT_THAT(e.what(), ::testing::HasSubstr("below the back of the blank near x -"));
+  }
+}
+
 TEST(RoughingErrors, NameWhatIsWrongAndByHowMuch) {
   const auto s = spline_of(Box2::centred({40, 30}), 20, 20, [](double x, double) { return 10 + 0.1 * x; });
   const auto message = [&](const Blank& blank, const Cutter& tool, const RoughOptions& options) {
@@ -340,6 +455,9 @@ TEST(RoughingErrors, NameWhatIsWrongAndByHowMuch) {
   RoughOptions wide;
   wide.stepover_mm = 11;
   EXPECT_THAT(message({{40, 30}, 20}, mill(), wide), ::testing::HasSubstr("stepover"));
+  RoughOptions deep;
+  deep.stepdown_mm = 20;
+  EXPECT_THAT(message({{40, 30}, 60}, mill(), deep), ::testing::AllOf(::testing::HasSubstr("stepdown_mm = 20"), ::testing::HasSubstr("at most 19.2")));
   Cutter stubby = mill();
   stubby.holder.front().from_mm = 3;
   EXPECT_THAT(message({{40, 30}, 20}, stubby, {}), ::testing::HasSubstr("longer cutter"));
