@@ -222,8 +222,9 @@ class Planner {
 
   /// The first lean whose shank and holder stay clear of the part.
   void settle_axis(const std::vector<CentrePath>& paths) {
-    // What may still stand above the surface: earlier passes' allowance; the holder keeps another half millimetre.
-    const detail::ToolClearance clearance(surface_, blank_, options_.allowance_mm, std::min(0.25, radius_ / 8));
+    // Against the surface under its allowance and what earlier passes leave over it; the holder keeps another half millimetre.
+    const detail::ToolClearance clearance(surface_, blank_, options_.allowance_mm, std::min(0.25, radius_ / 8),
+                                          options_.standing ? &*options_.standing : nullptr);
     constexpr std::size_t kMostTried = 100;
     std::optional<detail::ToolContact> first_contact;
     const std::size_t tries = std::min(kMostTried, leans_.size());

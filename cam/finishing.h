@@ -45,6 +45,7 @@ struct FinishOptions {
   /// Only what lies within is finished, passes landing and leaving beside it; empty: the whole surface, passes from beside
   /// the blank to beside it.
   std::optional<Outline> outline;
+  std::optional<RestMaterial> standing{};  ///< what stands when the pass starts: shank and holder keep clear of it
   std::vector<std::vector<Vec2>> also_along{};  ///< lines (creases) the ball follows once more after the passes
 };
 

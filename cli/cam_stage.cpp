@@ -119,6 +119,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   RoughChoice rough = plan_faster_roughing(surface, blank, job.rough.cutter, job.rough.options, monitor.part(0.38, 0.48));
   const bool roughed = !rough.path.moves.empty();
   if (roughed) passes.push_back(std::move(rough.path));
+  semi_finish.standing = rough.rest;
   passes.push_back(plan_finishing(surface, blank, job.semi_finish.cutter, semi_finish, monitor.part(0.48, 0.62)));
   // Above its flutes nothing cuts.
   const double deepest_mm = deepest_cut_mm(rough.rest, passes.back());
@@ -126,12 +127,14 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     throw InputError("semi_finish: roughing leaves " + compact(deepest_mm, 2) + " mm to be cut at once, the flutes of '" + job.semi_finish.cutter.name +
                      "' are " + compact(job.semi_finish.cutter.flute_length_mm, 2) + " mm long; use a smaller roughing mill or a ball with longer flutes");
   }
+  finish.standing = after_pass(rough.rest, passes.back());
   passes.push_back(plan_finishing(surface, blank, job.finish.cutter, finish, monitor.part(0.62, 0.9)));
   std::optional<RestPlan> rest;
   FinishOptions rest_options;
   if (job.rest) {
     rest_options = job.rest->options;
     rest_options.outline = finish.outline;
+    rest_options.standing = after_pass(*finish.standing, passes.back());
     constexpr double kShortestMm = 0;  // a crease may be out of reach in spots
     rest = plan_rest(surface, blank, job.rest->cutter, concave_creases(surface, reachable, kShortestMm), reachable, rest_options, monitor.part(0.9, 0.93));
     if (rest->ways > 0) passes.push_back(std::move(rest->path));

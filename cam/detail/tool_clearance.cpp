@@ -14,7 +14,7 @@ constexpr int kFlankPlaces = 5;
 /// The flank keeps this far above the surface: more than it can miss between those places on radii down to its own.
 constexpr double kFlankClearMm = 0.002;
 
-enum class Part { kFlank, kShank, kHolder };
+enum class Part { kFlutes, kFlank, kShank, kHolder };
 
 /// A cone about the tool's axis with its bounding box.
 struct Body {
@@ -76,7 +76,8 @@ double underside(const ToolPiece& cone, const ToolPose& pose, double x, double y
 
 }  // namespace
 
-ToolClearance::ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm, double cell_mm)
+ToolClearance::ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm, double cell_mm,
+                             const RestMaterial* standing)
     : surface_(&surface), above_mm_(above_surface_mm), cell_mm_(cell_mm) {
   Box2 material = Box2::centred(blank.size_mm);
   material.include(surface.extent().min);
@@ -105,7 +106,25 @@ ToolClearance::ToolClearance(const SplineSurface& surface, const Blank& blank, d
     row_below.swap(row_above);
   }
   stand_up(blank.keep_outs, level.highest);
-  add_pyramid(std::move(level));
+  if (standing) {
+    Level higher = level;
+    const Grid<float>& h = standing->heights_mm;
+    const Vec2 pitch = standing->extent.size().cwiseQuotient(Vec2(h.width - 1, h.height - 1));
+    for (int j = 0; j < ny; ++j) {
+      for (int i = 0; i < nx; ++i) {
+        // Every node over the cell, and those around it.
+        const Vec2 low = (first_ + cell_mm_ * Vec2(i, j) - standing->extent.min).cwiseQuotient(pitch).array().floor();
+        const Vec2 high = (first_ + cell_mm_ * Vec2(i + 1, j + 1) - standing->extent.min).cwiseQuotient(pitch).array().ceil();
+        for (int b = static_cast<int>(std::max(0.0, low.y())); b <= std::min(h.height - 1.0, high.y()); ++b) {
+          for (int a = static_cast<int>(std::max(0.0, low.x())); a <= std::min(h.width - 1.0, high.x()); ++a) {
+            higher.highest.at(i, j) = std::max(higher.highest.at(i, j), h.at(a, b));
+          }
+        }
+      }
+    }
+    standing_ = pyramid(std::move(higher));
+  }
+  levels_ = pyramid(std::move(level));
 }
 
 ToolClearance::ToolClearance(const std::vector<KeepOut>& keep_outs) {
@@ -118,7 +137,7 @@ ToolClearance::ToolClearance(const std::vector<KeepOut>& keep_outs) {
   const Vec2 cells = (box.size() / cell_mm_).array().ceil().cwiseMax(1);
   Level level{cell_mm_, Grid<float>(static_cast<int>(cells.x()), static_cast<int>(cells.y()), -std::numeric_limits<float>::infinity())};
   stand_up(keep_outs, level.highest);
-  add_pyramid(std::move(level));
+  levels_ = pyramid(std::move(level));
 }
 
 void ToolClearance::stand_up(const std::vector<KeepOut>& keep_outs, Grid<float>& highest) const {
@@ -133,10 +152,11 @@ void ToolClearance::stand_up(const std::vector<KeepOut>& keep_outs, Grid<float>&
   }
 }
 
-void ToolClearance::add_pyramid(Level level) {
-  levels_.push_back(std::move(level));
-  while (levels_.back().highest.width > 1 || levels_.back().highest.height > 1) {
-    const Level& fine = levels_.back();
+std::vector<ToolClearance::Level> ToolClearance::pyramid(Level finest) {
+  std::vector<Level> levels;
+  levels.push_back(std::move(finest));
+  while (levels.back().highest.width > 1 || levels.back().highest.height > 1) {
+    const Level& fine = levels.back();
     Level coarse{2 * fine.cell_mm, Grid<float>((fine.highest.width + 1) / 2, (fine.highest.height + 1) / 2,
                                                -std::numeric_limits<float>::infinity())};
     for (int j = 0; j < fine.highest.height; ++j) {
@@ -145,8 +165,9 @@ void ToolClearance::add_pyramid(Level level) {
         cell = std::max(cell, fine.highest.at(i, j));
       }
     }
-    levels_.push_back(std::move(coarse));
+    levels.push_back(std::move(coarse));
   }
+  return levels;
 }
 
 std::optional<ToolContact> ToolClearance::touches(const Cutter& cutter, const ToolPose& pose, double holder_mm, bool with_tip) const {
@@ -167,7 +188,7 @@ std::optional<ToolContact> ToolClearance::touches(const Cutter& cutter, const To
   double reached = std::clamp(cutter.flute_length_mm, cutter.side_from_mm(), shank_end);
   if (with_tip) add({0, cutter.side_from_mm(), cutter.radius_mm(), cutter.radius_mm()}, Part::kShank);
   add({cutter.side_from_mm(), reached, cutter.flute_radius_mm(cutter.side_from_mm()), cutter.flute_radius_mm(reached)},
-      surface_ && cutter.taper_rad > 0 ? Part::kFlank : Part::kShank);
+      surface_ && cutter.taper_rad > 0 ? Part::kFlank : Part::kFlutes);
   for (const ToolPiece& piece : cutter.shank) {
     add(piece, Part::kShank);
     reached = piece.to_mm;
@@ -203,11 +224,13 @@ std::optional<ToolContact> ToolClearance::touches(const Cutter& cutter, const To
   };
   std::vector<Node> open;
   for (const Body& piece : bodies) {
-    open.assign(1, {static_cast<int>(levels_.size()) - 1, 0, 0});
+    const bool rubs = piece.part == Part::kShank || piece.part == Part::kHolder;
+    const std::vector<Level>& levels = rubs && !standing_.empty() ? standing_ : levels_;
+    open.assign(1, {static_cast<int>(levels.size()) - 1, 0, 0});
     while (!open.empty()) {
       const Node node = open.back();
       open.pop_back();
-      const Level& level = levels_[node.level];
+      const Level& level = levels[node.level];
       const double top = level.highest.at(node.i, node.j);
       if (piece.low.z() >= top + kFlankClearMm) continue;
       const double x0 = first_.x() + node.i * level.cell_mm;
@@ -220,7 +243,7 @@ std::optional<ToolContact> ToolClearance::touches(const Cutter& cutter, const To
         if (auto found = contact(piece, x0, y0, top)) return found;
         continue;
       }
-      const Level& fine = levels_[node.level - 1];
+      const Level& fine = levels[node.level - 1];
       for (int dj = 0; dj < 2; ++dj) {
         for (int di = 0; di < 2; ++di) {
           const int i = 2 * node.i + di;

@@ -21,8 +21,10 @@ struct ToolContact {
 class ToolClearance {
  public:
   /// `above_surface_mm`: how high material may stand over the surface when this pass runs. What holds the blank counts too.
-  /// Cells see a slope's top only: for small balls they must be small.
-  ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm, double cell_mm = 0.25);
+  /// Cells see a slope's top only: for small balls they must be small. `standing`: what of the blank stands when the pass
+  /// starts; what does not cut (shank and holder) is held against that, too.
+  ToolClearance(const SplineSurface& surface, const Blank& blank, double above_surface_mm, double cell_mm = 0.25,
+                const RestMaterial* standing = nullptr);
   /// Of nothing but what holds the work, as columns from below up to the boxes' tops.
   explicit ToolClearance(const std::vector<KeepOut>& keep_outs);
 
@@ -39,12 +41,13 @@ class ToolClearance {
     Grid<float> highest;
   };
   void stand_up(const std::vector<KeepOut>& keep_outs, Grid<float>& highest) const;
-  void add_pyramid(Level level);
+  static std::vector<Level> pyramid(Level finest);
   const SplineSurface* surface_ = nullptr;
   double above_mm_ = 0;
   double cell_mm_ = 0.25;
   Vec2 first_;
-  std::vector<Level> levels_;  // finest first
+  std::vector<Level> levels_;    // finest first
+  std::vector<Level> standing_;  // the same with what stands; empty without
 };
 
 }  // namespace lightmill::detail

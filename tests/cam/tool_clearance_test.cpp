@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <random>
+#include <tuple>
 
 #include "cam/finishing.h"
 #include "design/core/errors.h"
@@ -56,6 +57,56 @@ TEST(ToolClearance, StackedConesBesideASlopeTouchWhereTheirRimsDo) {
   }
   EXPECT_GT(hits, 30);
   EXPECT_LT(hits, 270);
+}
+
+TEST(ToolClearance, TheShankIsHeldAgainstWhatStandsAndTheFlutesAreNot) {
+  const auto flat = spline_of(Box2::centred({12, 10}), 12, 10, [](double, double) { return 10; });
+  const Blank blank{{12, 10}, 15};
+  Cutter c = test::cutter("semi_finish_4mm_ball");
+  c.flute_length_mm = 3;
+  c.shank.clear();
+  c.shank_diameter_mm = 7;
+  const ToolPose pose{Vec3(0, 0, 10), Vec3::UnitZ()};
+  // A wall from x = 2.5 to 3.0 mm: under the shank (radius 3.5), beside the flutes (radius 2).
+  for (const auto& [wall_x, height, contact] : {std::tuple(2.5, 2.9, false), {2.5, 3.1, true}, {4.0, 4.0, false}, {1.0, 2.9, false}}) {
+    RestMaterial rest{Box2::centred({12, 10}), Grid<float>(49, 41, 10.3F)};
+    for (int j = 0; j < 41; ++j) {
+      for (int i = 0; i < 49; ++i) {
+        const double x = -6 + 0.25 * i;
+        if (x >= wall_x && x <= wall_x + 0.5) rest.heights_mm.at(i, j) = static_cast<float>(10 + height);
+      }
+    }
+    EXPECT_EQ(ToolClearance(flat, blank, 0.05, 0.25, &rest).touches(c, pose).has_value(), contact) << wall_x << " " << height;
+    EXPECT_FALSE(ToolClearance(flat, blank, 0.05).touches(c, pose).has_value());
+  }
+}
+
+TEST(ToolClearance, APlanTiltsLessOrIsRefusedWhereTheShankWouldMeetWhatStands) {
+  const auto flat = spline_of(Box2::centred({12, 10}), 12, 10, [](double, double) { return 10; });
+  const Blank blank{{12, 10}, 13};
+  Cutter fat = test::cutter("semi_finish_4mm_ball");
+  fat.flute_length_mm = 2.1;
+  fat.shank.clear();
+  fat.shank_diameter_mm = 10;
+  FinishOptions options;
+  options.cusp_um = 40;
+  options.allowance_mm = 0.05;
+  options.longest_segment_mm = 2;
+  options.tilt_rad = 20 * kPi / 180;
+  // The shank's lowest place over the surface, leant by a.
+  const auto clear = [](double a) { return 0.05 + 2 * (1 - std::cos(a)) + 2.1 * std::cos(a) - 5 * std::sin(a); };
+  for (const double stands : {0.1, 0.8}) {
+    options.standing = RestMaterial{Box2::centred({12, 10}), Grid<float>(49, 41, static_cast<float>(10 + stands))};
+    const ToolPath path = plan_finishing(flat, blank, fat, options);
+    EXPECT_GE(clear(std::acos(path.moves.front().pose.axis.z())), stands - 1e-3);
+  }
+  options.standing = RestMaterial{Box2::centred({12, 10}), Grid<float>(49, 41, 11.6F)};
+  try {
+    plan_finishing(flat, blank, fat, options);
+    FAIL() << "no error";
+  } catch (const InputError& e) {
+    EXPECT_THAT(e.what(), ::testing::HasSubstr("thinner shank"));
+  }
 }
 
 TEST(ToolClearance, ATaperedBallsFlankTouchesWallsSteeperThanItself) {
