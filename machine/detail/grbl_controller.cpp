@@ -172,11 +172,11 @@ class GrblController final : public Controller {
   void say_error(int code) { say("error:" + std::to_string(code)); }
 
   Fault& raise_alarm(int number, const std::string& kind, const std::string& message) {
+    mill_.drop_motions();
     Fault& fault = mill_.add_fault(kind, message, program_line_);
     fault.place_mm = mill_.tip_mm();
     say("ALARM:" + std::to_string(number));
     say("[MSG:Reset to continue]");
-    mill_.drop_motions();
     locked_ = needs_reset_ = true;
     mill_.stop_spindle();
     return fault;
@@ -353,7 +353,7 @@ class GrblController final : public Controller {
     const int blocks = std::max(0, firmware_.planner_blocks - mill_.planned_blocks());
     std::string text = std::string("<") + state() + "|MPos:" + axes_text(to_joints(mill_.joints()));
     if (reports_buffers_) text += "|Bf:" + std::to_string(blocks) + "," + std::to_string(buffer_.free());
-    text += "|FS:" + compact(interpreter_.modes().feed, 1) + "," + compact(mill_.rpm(), 0);
+    text += "|FS:" + compact(mill_.feed_per_min(), 0) + "," + compact(mill_.rpm(), 0);
     const Overrides& overrides = mill_.overrides();
     if (complete || reports_ % kReportsPerOffset == 0) text += "|WCO:" + axes_text(work_offset());
     if (complete || reports_ % kReportsPerOffset == 1) {

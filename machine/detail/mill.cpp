@@ -19,6 +19,32 @@ constexpr double kTimeSlack_s = 2e-9;
 constexpr double kNanosecondsPerSecond = 1e9;
 constexpr std::size_t kStarvationsKept = 100;
 
+double seconds_of(const std::vector<SweptMove>& pieces) {
+  double seconds = 0;
+  for (const SweptMove& piece : pieces) seconds += piece.seconds;
+  return seconds;
+}
+
+/// Takes the first `share` of their time off the pieces.
+std::vector<SweptMove> take_first(std::vector<SweptMove>& pieces, double share) {
+  double left = share * seconds_of(pieces);
+  std::size_t whole = 0;
+  while (whole < pieces.size() && pieces[whole].seconds <= left) left -= pieces[whole++].seconds;
+  std::vector<SweptMove> first(pieces.begin(), pieces.begin() + static_cast<std::ptrdiff_t>(whole));
+  pieces.erase(pieces.begin(), pieces.begin() + static_cast<std::ptrdiff_t>(whole));
+  if (pieces.empty() || !(left > 0)) return first;
+  SweptMove& rest = pieces.front();
+  SweptMove part = rest;
+  const double done = left / rest.seconds;
+  part.to.tip_mm = rest.from.tip_mm + done * (rest.to.tip_mm - rest.from.tip_mm);
+  part.to.axis = (rest.from.axis + done * (rest.to.axis - rest.from.axis)).normalized();
+  part.seconds = left;
+  rest.from = part.to;
+  rest.seconds -= left;
+  first.push_back(part);
+  return first;
+}
+
 }  // namespace
 
 Mill::Mill(const MachineModel& machine, const OperatorSetup& setup, const SimulationOptions& options)
@@ -102,6 +128,56 @@ double Mill::duration(const Planned& planned) const {
   return std::max(planned.motion.seconds * 100 / overrides_.feed, planned.least_s);
 }
 
+/// How much of the first planned motion has been made.
+double Mill::running_share() const {
+  if (planner_.empty() || held_) return 0;
+  const double takes = duration(planner_.front());
+  return takes > 0 ? std::clamp((clock_s() - head_start_s_) / takes, 0.0, 1.0) : 1;
+}
+
+JointPosition Mill::joints() const {
+  if (planner_.empty() || planner_.front().dwell) return joints_;
+  const double share = running_share();
+  Joints place = to_joints(planner_.front().motion.from);
+  const Joints to = to_joints(planner_.front().motion.to);
+  for (std::size_t i = 0; i < place.size(); ++i) place[i] += share * (to[i] - place[i]);
+  return to_position(place);
+}
+
+double Mill::feed_per_min() const {
+  if (planner_.empty() || held_ || planner_.front().dwell) return 0;
+  const Joints from = to_joints(planner_.front().motion.from), to = to_joints(planner_.front().motion.to);
+  double square = 0;
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    const double way = (to[i] - from[i]) * (i < 3 ? 1 : kDegreesPerRad);
+    square += way * way;
+  }
+  return square > 0 ? std::sqrt(square) / duration(planner_.front()) * 60 : 0;
+}
+
+/// Splits the running motion where it is: the first part is made, the rest is still planned. Both sweep the same pieces as
+/// the whole would.
+void Mill::make_running_part() {
+  advance();
+  const double share = running_share();
+  if (share == 0) return;
+  const double now = clock_s();
+  Planned& rest = planner_.front();
+  if (!rest.dwell && rest.swept.empty()) {
+    Motion whole = rest.motion;
+    whole.seconds = duration(rest);
+    sweep(whole, rest.swept);
+  }
+  Planned part = rest;
+  part.motion.to = joints();
+  part.swept = take_first(rest.swept, share);
+  perform(part, now - head_start_s_);
+  rest.motion.from = part.motion.to;
+  rest.motion.seconds *= 1 - share;
+  rest.least_s *= 1 - share;
+  head_start_s_ = now;
+}
+
 void Mill::add(Planned planned) {
   if (!paced()) {
     perform(planned, duration(planned));
@@ -179,20 +255,19 @@ void Mill::note_starvation(double from_s, double until_s) {
 
 void Mill::hold() {
   if (held_) return;
-  advance();
+  make_running_part();
   held_ = true;
-  held_at_s_ = clock_s();
   expect_standstill();
 }
 
 void Mill::go_on() {
   if (!held_) return;
-  // What was planned is late by the time of the hold.
-  head_start_s_ += clock_s() - held_at_s_;
+  head_start_s_ = clock_s();
   held_ = false;
 }
 
 void Mill::drop_motions() {
+  make_running_part();
   planner_.clear();
   planned_ = to_joints(joints_);
   held_ = false;
@@ -200,12 +275,8 @@ void Mill::drop_motions() {
 }
 
 void Mill::set_overrides(const Overrides& overrides) {
-  advance();
-  const double now = held_ ? held_at_s_ : clock_s();
-  const double before = planner_.empty() ? 0 : duration(planner_.front());
+  make_running_part();
   overrides_ = overrides;
-  // The motion that runs keeps the part it has made.
-  if (before > 0) head_start_s_ = now - (now - head_start_s_) / before * duration(planner_.front());
 }
 
 void Mill::perform(const Planned& done, double seconds) {
@@ -218,6 +289,7 @@ void Mill::perform(const Planned& done, double seconds) {
   motion.seconds = seconds;
   // Cutters are right-handed: they cut when the spindle turns clockwise and has reached its speed.
   motion.spindle_on = spindle_clockwise_ && machine_seconds_ - seconds >= at_speed_s_ - 1e-9;
+  motion.spindle_rpm = turning_rpm(motion.spindle_rpm);
   motion.stood_s = std::exchange(stood_s_, 0.0);
   joints_ = motion.to;
   if (tool_ == nullptr && !motion.rapid && !told_no_tool_) {
@@ -225,10 +297,24 @@ void Mill::perform(const Planned& done, double seconds) {
     add_fault("no_tool", "a feed move without a tool in the spindle", motion.line);
   }
   if (!stock_ && !on_motion) return;
-  pieces_.clear();
-  view_.sweep(motion, tool_ != nullptr ? tool_->length_mm : 0, {}, pieces_);
+  if (done.swept.empty()) {
+    sweep(motion, pieces_);
+  } else {
+    pieces_ = done.swept;
+    const double pace = seconds / seconds_of(pieces_);
+    for (SweptMove& piece : pieces_) {
+      piece.seconds *= pace;
+      piece.spindle_on = motion.spindle_on;
+      piece.spindle_rpm = motion.spindle_rpm;
+    }
+  }
   if (on_motion) on_motion(motion, pieces_);
   if (stock_ && tool_ != nullptr) stock_->move(pieces_);
+}
+
+void Mill::sweep(const Motion& motion, std::vector<SweptMove>& pieces) {
+  pieces.clear();
+  view_.sweep(motion, tool_ != nullptr ? tool_->length_mm : 0, {}, pieces);
 }
 
 // --- Spindle, tool ---
@@ -237,6 +323,11 @@ void Mill::turn_spindle(bool clockwise, double rpm) {
   if (rpm_ == 0 || clockwise != spindle_clockwise_) at_speed_s_ = machine_seconds_ + machine_.spindle_start_s;
   rpm_ = rpm;
   spindle_clockwise_ = clockwise;
+}
+
+double Mill::turning_rpm(double commanded) const {
+  if (commanded == 0) return 0;
+  return std::clamp(commanded * overrides_.spindle / 100, machine_.min_spindle_rpm, machine_.max_spindle_rpm);
 }
 
 void Mill::stop_spindle() {

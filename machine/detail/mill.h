@@ -46,10 +46,11 @@ class Mill {
   /// The next motion may come when it likes: the program itself makes the mill stand here.
   void expect_standstill() { cut_ended_s_.reset(); }
 
+  /// Stands where it is, with what it has made of the running motion cut.
   void hold();
   void go_on();
   [[nodiscard]] bool held() const { return held_; }
-  /// Forgets what is planned: the mill stands where it is.
+  /// The same, and forgets what is planned.
   void drop_motions();
   void set_overrides(const Overrides& overrides);
   [[nodiscard]] const Overrides& overrides() const { return overrides_; }
@@ -65,7 +66,8 @@ class Mill {
 
   void turn_spindle(bool clockwise, double rpm);
   void stop_spindle();
-  [[nodiscard]] double rpm() const { return rpm_; }
+  /// As commanded and overridden, within the machine's limits; 0: it stands.
+  [[nodiscard]] double rpm() const { return turning_rpm(rpm_); }
   /// Is the cutter (0: none) in the magazine?
   [[nodiscard]] bool has_cutter(int number) const { return number == 0 || find_cutter(number) != nullptr; }
   void change_tool(int number);
@@ -73,9 +75,11 @@ class Mill {
   // --- What is known of it ---
 
   void begin_program(const std::string& name);
-  [[nodiscard]] const JointPosition& joints() const { return joints_; }  ///< where the axes are
-  [[nodiscard]] const Joints& planned() const { return planned_; }       ///< where they are when all is done
-  [[nodiscard]] Vec3 tip_mm();                                           ///< workpiece frame
+  [[nodiscard]] JointPosition joints() const;                       ///< where the axes are, within the running motion too
+  [[nodiscard]] const Joints& planned() const { return planned_; }  ///< where they are when all is done
+  /// Of all axes along the running motion, mm and degrees alike as in grbl; 0 at rest.
+  [[nodiscard]] double feed_per_min() const;
+  [[nodiscard]] Vec3 tip_mm();  ///< workpiece frame
   Fault& add_fault(std::string kind, std::string message, long line);
   /// Fills in what the mill knows of a result.
   void add_to(SimulationResult& result) const;
@@ -92,7 +96,8 @@ class Mill {
   struct Planned {
     Motion motion;
     bool dwell = false;
-    double least_s = 0;  ///< at the axes' speeds
+    double least_s = 0;            ///< at the axes' speeds
+    std::vector<SweptMove> swept;  ///< what the cutter has still to sweep of an interrupted motion; empty: not interrupted
   };
 
   MachineModel machine_;
@@ -102,12 +107,12 @@ class Mill {
   WorkpieceView view_;
   std::unique_ptr<StockWorker> stock_;
 
-  JointPosition joints_;
+  JointPosition joints_;  ///< at the end of what has been made
   Joints planned_{};
   const Cutter* tool_ = nullptr;
   int tool_number_ = 0;
   bool spindle_clockwise_ = false;
-  double rpm_ = 0;
+  double rpm_ = 0;  ///< as commanded
   double at_speed_s_ = 0;  ///< machine time at which the spindle has reached its speed
   double machine_seconds_ = 0;
   double stood_s_ = 0;  ///< dwell since the last motion
@@ -119,7 +124,6 @@ class Mill {
   std::deque<Planned> planner_;
   double head_start_s_ = 0;  ///< machine clock: the first of planner_ began
   bool held_ = false;
-  double held_at_s_ = 0;
   Overrides overrides_;
 
   std::optional<double> cut_ended_s_;  ///< machine clock: the last motion was a cut, and nothing has followed it
@@ -130,10 +134,14 @@ class Mill {
 
   [[nodiscard]] double clock_s() const;
   [[nodiscard]] double duration(const Planned& planned) const;
+  [[nodiscard]] double running_share() const;
+  [[nodiscard]] double turning_rpm(double commanded) const;
   [[nodiscard]] double least_seconds(const Joints& from, const Joints& to) const;
   [[nodiscard]] const Cutter* find_cutter(int number) const;
   void add(Planned planned);
   void perform(const Planned& done, double seconds);
+  void sweep(const Motion& motion, std::vector<SweptMove>& pieces);
+  void make_running_part();
   void note_starvation(double from_s, double until_s);
   void leave_mark();
 };

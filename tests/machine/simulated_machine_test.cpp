@@ -4,6 +4,9 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
+#include <cmath>
+#include <random>
+
 #include "machine/program_lines.h"
 #include "machine_rig.h"
 
@@ -288,6 +291,120 @@ TEST(Conversation, OverridesActOnWhatRuns) {
   EXPECT_EQ(talk.machine.next_event(), kNever);
   EXPECT_EQ(talk.say("~"), "");
   EXPECT_EQ(talk.machine.next_event(), ClockTime(seconds(105)));
+}
+
+// --- Within a motion ---
+
+struct PacedTalk {
+  VirtualClock clock;
+  Talk talk;
+  explicit PacedTalk(SimulationOptions options = test::no_stock())
+      : talk((options.clock = &clock, options.time_factor = 1, options)) {}
+  std::string at(double seconds, std::string_view text) {
+    clock.advance_to(ClockTime(std::llround(seconds * 1e9)));
+    return talk.say(text);
+  }
+};
+
+TEST(RunningMotion, PlaceAndFeedAreThoseOfTheMoment) {
+  PacedTalk m;
+  EXPECT_EQ(m.at(0, "G1 X10 F60\nG4 P5\nG1 X10 C60 F240\n"), "ok\n");  // 20 mm from X 0; 60 degrees
+  EXPECT_THAT(m.at(5, "?"), AllOf(StartsWith("<Run|MPos:5.000,0.000,"), HasSubstr("|FS:60,0|")));
+  EXPECT_THAT(m.at(10, "\x91?"), AllOf(StartsWith("<Run|MPos:10.000,"), HasSubstr("|FS:66,0|")));
+  EXPECT_THAT(m.at(10, "\x90?"), HasSubstr("|FS:60,0>"));
+  EXPECT_THAT(m.at(12.5, "!?"), AllOf(StartsWith("<Hold:0|MPos:12.500,"), HasSubstr("|FS:0,0>")));
+  EXPECT_THAT(m.at(100, "?"), AllOf(StartsWith("<Hold:0|MPos:12.500,"), HasSubstr("|FS:0,0>")));
+  EXPECT_THAT(m.at(100, "~?"), AllOf(StartsWith("<Run|MPos:12.500,"), HasSubstr("|FS:60,0>")));
+  EXPECT_EQ(m.at(107.5, ""), "ok\nok\n");
+  EXPECT_THAT(m.at(109, "?"), AllOf(StartsWith("<Run|MPos:20.000,"), HasSubstr("|FS:0,0>"))) << "the dwell";
+  EXPECT_THAT(m.at(117.5, "?"), AllOf(StartsWith("<Run|MPos:20.000,0.000,0.000,0.000,0.000,20.000|"), HasSubstr("|FS:240,0>")));
+  EXPECT_THAT(m.at(200, "?"), AllOf(StartsWith("<Idle|MPos:20.000,0.000,0.000,0.000,0.000,60.000|"), HasSubstr("|FS:0,0>")));
+}
+
+TEST(RunningMotion, AResetLeavesTheMachineWhereItIs) {
+  PacedTalk m;
+  m.at(0, "G1 X10 F60\nX-10\n");
+  EXPECT_THAT(m.at(5, "\x18"), HasSubstr("ALARM:3"));
+  EXPECT_THAT(m.at(50, "?"), StartsWith("<Alarm|MPos:5.000,0.000,0.000,"));
+  EXPECT_EQ(m.talk.machine.result().joints.x_mm, 5);
+  EXPECT_EQ(m.talk.machine.result().machine_seconds, 5);
+  EXPECT_THAT(m.at(50, "$X\nG91 G1 X1 F60\n"), HasSubstr("ok\nok\n"));
+  EXPECT_THAT(m.at(60, "?"), StartsWith("<Idle|MPos:6.000,")) << "and it goes on from there";
+}
+
+TEST(RunningMotion, SpindleOverride) {
+  PacedTalk m;
+  std::vector<double> rpm;
+  m.talk.machine.on_motion = [&](const Motion& motion, const std::vector<SweptMove>& pieces) {
+    rpm.push_back(motion.spindle_rpm);
+    EXPECT_EQ(pieces.at(0).spindle_rpm, motion.spindle_rpm);
+  };
+  m.at(0, "S10000 M3\nG1 X10 F60\n");
+  EXPECT_THAT(m.at(5, "\x9a?"), HasSubstr("|FS:60,11000|"));
+  EXPECT_THAT(m.at(10, std::string(20, '\x9a') + "?"), HasSubstr("|FS:60,20000|")) << "at most 200 %";
+  EXPECT_THAT(m.at(15, "\x99" + std::string(20, '\x9b') + "?"), HasSubstr("|FS:60,1000>")) << "at least 10 %";
+  m.at(30, "");
+  EXPECT_EQ(rpm, (std::vector<double>{10000, 11000, 20000, 1000}));
+  m.at(30, "S30000\n\x99" + std::string(5, '\x9a'));
+  EXPECT_THAT(m.at(30, "?"), HasSubstr("|FS:0,36000>")) << "what it can";
+  m.at(30, "M5\n");
+  EXPECT_THAT(m.at(30, "?"), HasSubstr("|FS:0,0>"));
+}
+
+// Holds and overrides at any moment cut one motion into pieces that join, last as long as the machine was not held, and
+// end where the motion ends.
+RC_GTEST_PROP(RunningMotion, PiecesJoin, (unsigned seed)) {
+  std::mt19937 random(seed);
+  PacedTalk m;
+  std::vector<Motion> made;
+  m.talk.machine.on_motion = [&](const Motion& motion, const std::vector<SweptMove>&) { made.push_back(motion); };
+  m.at(0, "G1 X7 Y-3 B20 C-50 F100\nX8 Y4 C10\nG0 X0\n");
+  double now = 0, held_s = 0;
+  bool held = false;
+  while (m.talk.machine.busy()) {
+    const double step = static_cast<double>(random() % 10000) * 1e-3;
+    now += step;
+    held_s += held ? step : 0;
+    held = now < 300 && random() % 3 == 0;
+    m.at(now, std::string(held ? "!" : "~") + "\x90\x91\x92\x93\x94"[random() % 5] + "\x95\x96\x97"[random() % 3]);
+  }
+  const auto same = [](const JointPosition& a, const JointPosition& b) {
+    return a.x_mm == b.x_mm && a.y_mm == b.y_mm && a.z_mm == b.z_mm && a.outer_rad == b.outer_rad && a.inner_rad == b.inner_rad;
+  };
+  JointPosition place;
+  double seconds = 0;
+  for (const Motion& motion : made) {
+    RC_ASSERT(same(motion.from, place));
+    RC_ASSERT(motion.seconds > 0);
+    place = motion.to;
+    seconds += motion.seconds;
+  }
+  RC_ASSERT(same(place, m.talk.machine.result().joints));
+  RC_ASSERT(place.x_mm == 10);
+  RC_ASSERT(seconds <= now - held_s + 1e-6);
+  RC_ASSERT(std::abs(seconds - m.talk.machine.result().machine_seconds) < 1e-9);
+}
+
+TEST(RunningMotion, AHoldCutsAsFarAsItGot) {
+  SimulationOptions options;
+  options.stock.pitch_mm = 0.1;
+  options.remove_stock = true;
+  PacedTalk m(options);
+  // A groove 1 mm deep from X -10 on, stopped after half of its 20 s.
+  m.at(0, "T1 M6\n");
+  m.at(0, "~G43.1 Z80\nS20000 M3\nG4 P9\nG0 X-10 Y0 Z20\nG1 Z11 F600\n");
+  m.at(100, "G1 X10 F60\n");
+  m.at(110, "!");
+  m.at(150, "\x18");
+  const MachinedSurface surface = m.talk.machine.machined();
+  const auto height = [&](double x) {
+    const Vec2 node = (Vec2(x, 0) - surface.extent.min) / surface.pitch_mm;
+    return surface.heights_mm.at(static_cast<int>(std::lround(node.x())), static_cast<int>(std::lround(node.y())));
+  };
+  EXPECT_NEAR(height(-5), 11, 1e-3);
+  EXPECT_NEAR(height(-0.1), 11, 0.01);
+  EXPECT_NEAR(height(1), 12 - 1 + 2 - std::sqrt(3), 0.01) << "the ball's end, 1 mm beside its middle";
+  EXPECT_EQ(height(3), 12);
 }
 
 // --- The receive buffer ---
