@@ -375,7 +375,7 @@ int run_command_line(int argc, char** argv) {
   sub->add_option("--out", out, "folder for machined.tif and result.json")->required();
   shop.add(sub);
   sub->add_option("--protocol", shop.protocol, "whose manners the control has on the line")->check(CLI::IsMember({"grblhal", "grbl", "drip", "fe"}));
-  sub->add_option("--line-fault", shop.line_faults, "plant a fault on the line, e.g. flip@120 (the 120th byte) or drop-ok@3; without a place the seed chooses");
+  sub->add_option("--line-fault", shop.line_faults, "plant a fault on the line, e.g. flip@120 (the 120th byte) or drop-ok@3, or in the control, e.g. reset@400 (the program line); without a place the seed chooses");
   sub->add_option("--fault-seed", shop.fault_seed, "for line faults that name no place");
   on(sub, [&] {
     serve_machine(shop.shop(), fs::absolute(link), fs::absolute(out), stop_requested);

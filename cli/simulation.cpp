@@ -213,7 +213,7 @@ void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::pa
   LineOptions line;
   line.baud = shop.baud;
   line.even_parity = takes_text;
-  for (const std::string& fault : shop.line_faults) line.faults.push_back(line_fault(fault, shop.fault_seed));
+  for (const std::string& fault : shop.line_faults) plant_fault(fault, shop.fault_seed, line, options.planted);
   SimulatedMachine simulated(machine, setup, options);
   MotionTimer timer(machine);
   simulated.on_motion = [&](const Motion& motion, const std::vector<SweptMove>& pieces) {

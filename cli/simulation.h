@@ -35,7 +35,7 @@ struct SimulatedShop {
   double time_factor = 0;                   ///< 0: as fast as it can
   int baud = 0;                             ///< 0: not paced
   std::string protocol = "grblhal";         ///< of the control on the wire
-  std::vector<std::string> line_faults;     ///< to plant on the line (cable.h)
+  std::vector<std::string> line_faults;     ///< to plant on the line and in the control (plant_fault())
   unsigned fault_seed = 1;                  ///< chooses the place of a fault that names none
 };
 

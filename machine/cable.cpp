@@ -19,6 +19,19 @@ constexpr double kNanosecondsPerSecond = 1e9;
 
 }  // namespace
 
+std::optional<long> fault_place(std::string_view text, unsigned seed) {
+  const std::size_t at = text.find('@');
+  if (at == std::string_view::npos) {
+    constexpr unsigned long kPlaces = 1000;
+    return static_cast<long>(1 + std::mt19937(seed)() % kPlaces);
+  }
+  long place = 0;
+  const char* const end = text.data() + text.size();
+  const auto [stopped, error] = std::from_chars(text.data() + at + 1, end, place);
+  if (error != std::errc() || stopped != end || place < 1) return std::nullopt;
+  return place;
+}
+
 LineFault line_fault(std::string_view text, unsigned seed) {
   struct Named {
     std::string_view name;
@@ -33,17 +46,12 @@ LineFault line_fault(std::string_view text, unsigned seed) {
                                  {"drop-xon", {.kind = Kind::kDropXon, .to_machine = false}},
                                  {"slow", {.kind = Kind::kSlow, .seconds = 0.01}},
                                  {"hang-up", {.kind = Kind::kHangUp}}};
-  const std::size_t at = text.find('@');
+  const auto place = fault_place(text, seed);
   for (const Named& named : kNamed) {
-    if (text.substr(0, at) != named.name) continue;
+    if (!place || text.substr(0, text.find('@')) != named.name) continue;
     LineFault fault = named.fault;
-    if (at == std::string_view::npos) {
-      constexpr unsigned long kPlaces = 1000;
-      fault.at = static_cast<long>(1 + std::mt19937(seed)() % kPlaces);
-      return fault;
-    }
-    const auto [end, error] = std::from_chars(text.data() + at + 1, text.data() + text.size(), fault.at);
-    if (error == std::errc() && end == text.data() + text.size() && fault.at > 0) return fault;
+    fault.at = *place;
+    return fault;
   }
   std::string known;
   for (const Named& named : kNamed) known += (known.empty() ? "" : ", ") + std::string(named.name);

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -35,6 +36,9 @@ struct LineFault {
 /// "flip@120", "drop-ok@3"...: drop, flip, double, drop-ok, double-ok, late-ok, drop-xon, slow, hang-up. Without a place
 /// the seed chooses one among the first thousand. Throws InputError.
 LineFault line_fault(std::string_view text, unsigned seed);
+
+/// The place of a fault "name@place", or the one that the seed chooses if none is given; nothing if it is no number from 1.
+std::optional<long> fault_place(std::string_view text, unsigned seed);
 
 /// A line between a sender and a machine.
 struct LineOptions {

@@ -18,9 +18,37 @@ Personality personality(std::string_view name) {
   throw InputError("protocol '" + std::string(name) + "' is none of grbl, grblhal, fe, drip");
 }
 
+void plant_fault(std::string_view text, unsigned seed, LineOptions& line, PlantedFaults& control) {
+  struct Named {
+    std::string_view name;
+    long PlantedFaults::*line;
+  };
+  constexpr Named kNamed[] = {
+      {"error", &PlantedFaults::error_at_line}, {"alarm", &PlantedFaults::alarm_at_line},
+      {"door", &PlantedFaults::door_at_line},   {"reset", &PlantedFaults::reset_at_line},
+      {"power-loss", &PlantedFaults::power_loss_at_line}, {"lose-line", &PlantedFaults::drop_line_at}};
+  const auto place = fault_place(text, seed);
+  std::string known;
+  for (const Named& named : kNamed) {
+    known += (known.empty() ? "" : ", ") + std::string(named.name);
+    if (!place || text.substr(0, text.find('@')) != named.name) continue;
+    control.*named.line = *place;
+    return;
+  }
+  try {
+    line.faults.push_back(line_fault(text, seed));
+  } catch (const InputError& error) {
+    throw InputError(std::string(error.what()) + "; nor of the control's, by a program line: " + known);
+  }
+}
+
 namespace {
 
 std::unique_ptr<detail::Controller> make_controller(detail::Mill& mill, Personality personality) {
+  const bool takes_text = personality == Personality::kBlockwise || personality == Personality::kDripFeed;
+  if (takes_text && mill.options().planted != PlantedFaults{}) {
+    throw InputError("faults of the control can be planted in grbl and grblhal only; those of the line in all protocols");
+  }
   switch (personality) {
     case Personality::kBlockwise:
       return detail::make_blockwise_controller(mill);

@@ -41,8 +41,8 @@ enum class Personality {
 /// "grbl", "grblhal", "fe", "drip"; throws InputError for any other name.
 Personality personality(std::string_view name);
 
-/// Faults of the control to plant, each by a count of program lines from 1 since power-on; < 0: never. Those of the
-/// line are LineFault (cable.h).
+/// Faults of a control that acknowledges lines, to plant, each by a count of program lines from 1 since power-on; < 0: never.
+/// Those of the line are LineFault (cable.h).
 struct PlantedFaults {
   long error_at_line = -1;       ///< the line is answered with error:2 although it is good, and not executed
   long alarm_at_line = -1;       ///< a limit switch closes (ALARM:1)
@@ -50,7 +50,12 @@ struct PlantedFaults {
   long reset_at_line = -1;       ///< the controller restarts by itself
   long power_loss_at_line = -1;  ///< the controller dies and the link with it
   long drop_line_at = -1;        ///< the line is lost with its line feed: neither executed nor answered
+  bool operator==(const PlantedFaults&) const = default;
 };
+
+/// Plants a fault by its name: one of the line (line_fault(), cable.h) or of the control, "reset@400" with a program line
+/// or, for the seed to choose, without: error, alarm, door, reset, power-loss, lose-line. Throws InputError.
+void plant_fault(std::string_view text, unsigned seed, LineOptions& line, PlantedFaults& control);
 
 struct SimulationOptions {
   Personality personality = Personality::kGrblHal;
@@ -94,7 +99,8 @@ struct SimulationResult {
   std::vector<Starvation> worst_starvations;  ///< longest first, at most 100
 };
 
-/// The whole machine; single-threaded towards its caller. Bytes in, bytes out.
+/// The whole machine; single-threaded towards its caller. Bytes in, bytes out. Throws InputError for planted faults of a
+/// control that takes a program as a text.
 class SimulatedMachine {
  public:
   SimulatedMachine(const MachineModel& machine, const OperatorSetup& setup, const SimulationOptions& options);

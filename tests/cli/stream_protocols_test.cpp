@@ -144,7 +144,7 @@ TEST(StreamProtocols, WrongOnesAreTheUsersMistake) {
   const CommandResult fault = lightmill_command({"machine", "--pty", (scratch / "p").string(), "--blank", "12x10x5", "--out",
                                                  (scratch / "o").string(), "--line-fault", "melt@3"});
   EXPECT_EQ(fault.code, 2);
-  EXPECT_THAT(fault.err, HasSubstr("flip@120"));
+  EXPECT_THAT(fault.err, testing::AllOf(HasSubstr("flip@120"), HasSubstr("reset")));
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <random>
 
+#include "design/core/errors.h"
 #include "machine/program_lines.h"
 #include "machine_rig.h"
 
@@ -621,6 +622,29 @@ TEST(Machine, PlannerIsBounded) {
 }
 
 // --- Planted faults ---
+
+TEST(PlantedFaults, AreReadFromText) {
+  LineOptions line;
+  PlantedFaults control;
+  plant_fault("reset@400", 1, line, control);
+  plant_fault("lose-line@3", 1, line, control);
+  plant_fault("flip@120", 1, line, control);
+  EXPECT_EQ(control, (PlantedFaults{.reset_at_line = 400, .drop_line_at = 3}));
+  ASSERT_EQ(line.faults.size(), 1U);
+  EXPECT_EQ(line.faults[0].kind, LineFault::Kind::kFlipByte);
+  // Without a place the seed chooses one, and again the same.
+  const auto seeded = [&](unsigned seed) {
+    plant_fault("reset", seed, line, control);
+    return control.reset_at_line;
+  };
+  EXPECT_EQ(seeded(7), seeded(7));
+  EXPECT_NE(seeded(7), seeded(8));
+  for (const char* bad : {"reset@", "reset@0", "reset@3 ", "melt"}) EXPECT_THROW(plant_fault(bad, 1, line, control), InputError) << bad;
+  SimulationOptions options = test::no_stock();
+  options.planted = control;
+  options.personality = Personality::kDripFeed;
+  EXPECT_THROW(SimulatedMachine(test::skew_machine(), test::skew_setup(), options), InputError);
+}
 
 TEST(PlantedFaults, EachDoesWhatItSays) {
   const auto options = [](auto&& plant) {
