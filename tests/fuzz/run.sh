@@ -1,36 +1,67 @@
 #!/usr/bin/env bash
-# Fuzzes the program readers and the simulated machine's protocol: run.sh [seconds of each, 60] [folder for what it finds]
-# Needs make and clang with compiler-rt (Debian: make clang libclang-rt-14-dev); the build's own compiler has no libFuzzer. The suite
-# has seeded mutations of its own (SurvivesMutatedPrograms, SurvivesMutatedBytes), so that every change is fuzzed briefly.
+# Fuzzes the program readers, the simulated machine's protocol and the SVG reader.
+#   run.sh [seconds of each, 60] [folder for what it finds]   with libFuzzer; needs make and clang with compiler-rt (Debian:
+#                                                             make clang libclang-rt-14-dev)
+#   run.sh --brief [seconds of each, 8] [folder]              with what ./test.sh asan has built: mutations of seeds, not guided
+#                                                             by coverage (without_libfuzzer.cpp)
+# What is found: folder/TARGET-crash-... or folder/TARGET.found; the programs take such a file as their only argument.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-seconds=${1:-60}
+brief=
+if [[ ${1:-} == --brief ]]; then
+  brief=yes
+  shift
+fi
+seconds=${1:-$([[ $brief ]] && echo 8 || echo 60)}
 work=$(realpath -m "${2:-build/fuzz}")
 
+seeds() { # of a target
+  if [[ $1 == svg_reader ]]; then ls fixtures/pictures/*.svg; else ls tests/fuzz/seeds/"$1"/*; fi
+}
+dictionary() {
+  if [[ $1 == svg_reader ]]; then echo tests/fuzz/svg_reader.dict; else echo tests/fuzz/words.dict; fi
+}
+
+if [[ $brief ]]; then
+  export LSAN_OPTIONS="suppressions=$PWD/.ci/lsan:print_suppressions=0"
+  for target in program_reader machine_protocol svg_reader; do
+    rm -rf "$work/$target.seeds"
+    mkdir -p "$work/$target.seeds"
+    cp $(seeds $target) "$work/$target.seeds/"
+    build/asan/tests/fuzz/${target}_fuzz "$seconds" "$work/$target.seeds" "$(dictionary $target)" "$work/$target.found"
+  done
+  exit
+fi
+
 work=$work make -s -j2 -f - <<'MAKE'
+core := $(patsubst %,design/core/%.cpp,files image markup parallel text toml_table)
 readers := $(wildcard machine/detail/*reader*.cpp machine/detail/word_*.cpp machine/detail/heidenhain_*.cpp machine/detail/siemens_*.cpp) \
   $(patsubst %,machine/detail/%.cpp,cutter_compensation expressions splines work_frame) machine/kinematics.cpp machine/machine_errors.cpp
-machine := $(sort $(readers) $(wildcard machine/detail/*.cpp)) machine/simulated_machine.cpp machine/stock_model.cpp machine/solid_stock.cpp machine/ray_bundle.cpp machine/clock.cpp \
-  machine/cable.cpp machine/pseudo_terminal.cpp machine/program_lines.cpp postproc/machine_model.cpp cam/cutter.cpp \
-  design/core/files.cpp design/core/image.cpp design/core/markup.cpp design/core/parallel.cpp design/core/text.cpp design/core/toml_table.cpp
+machine := $(patsubst %,machine/detail/%.cpp,fault_picture grbl_controller interpreter mill receiving_controllers sent_text) \
+  $(wildcard machine/detail/stock_*.cpp) machine/detail/swept_body.cpp $(patsubst %,machine/%.cpp,simulated_machine stock_model \
+  solid_stock ray_bundle clock cable pseudo_terminal program_lines kinematics machine_errors) postproc/machine_model.cpp cam/cutter.cpp
+drawing := $(wildcard design/detail/svg*.cpp) design/detail/fills.cpp design/detail/coverage.cpp design/target.cpp
 objects = $(patsubst %.cpp,$(work)/objects/%.o,$(1))
-every := $(call objects,$(machine) tests/fuzz/program_reader_fuzz.cpp tests/fuzz/machine_protocol_fuzz.cpp)
-link = clang++ -fsanitize=fuzzer,address,undefined $^ -ltbb -lOpenImageIO -lOpenImageIO_Util -o $@
-all: $(work)/program_reader $(work)/machine_protocol
+targets := program_reader machine_protocol svg_reader
+every := $(sort $(call objects,$(core) $(readers) $(machine) $(drawing) $(targets:%=tests/fuzz/%_fuzz.cpp)))
+link = clang++ -fsanitize=fuzzer,address,undefined $^ -ltbb -lOpenImageIO -lOpenImageIO_Util -l2geom -lpugixml -o $@
+all: $(targets:%=$(work)/%)
 $(work)/program_reader: $(call objects,tests/fuzz/program_reader_fuzz.cpp $(readers))
 	$(link)
-$(work)/machine_protocol: $(call objects,tests/fuzz/machine_protocol_fuzz.cpp $(machine))
+$(work)/machine_protocol: $(call objects,tests/fuzz/machine_protocol_fuzz.cpp $(machine) $(core))
+	$(link)
+$(work)/svg_reader: $(call objects,tests/fuzz/svg_reader_fuzz.cpp $(drawing) $(core))
 	$(link)
 $(every): $(work)/objects/%.o: %.cpp
 	@mkdir -p $(@D)
-	clang++ -std=c++20 -O1 -g -DNDEBUG -ffp-contract=off -fsanitize=fuzzer-no-link,address,undefined \
-	  -fno-sanitize-recover=undefined -I. -isystem /usr/include/eigen3 -MMD -c $< -o $@
+	$(shell command -v ccache) clang++ -std=c++20 -O1 -g -DNDEBUG -ffp-contract=off -fsanitize=fuzzer-no-link,address,undefined \
+	  -fno-sanitize-recover=undefined -I. -isystem /usr/include/eigen3 $$(pkg-config --cflags 2geom pugixml OpenImageIO) -MMD -c $< -o $@
 -include $(every:.o=.d)
 MAKE
 
-for target in program_reader machine_protocol; do
+for target in program_reader machine_protocol svg_reader; do
   mkdir -p "$work/$target.corpus"
-  cp -n tests/fuzz/seeds/"$target"/* "$work/$target.corpus/"
-  "$work/$target" -max_total_time="$seconds" -max_len=4000 -rss_limit_mb=1000 -timeout=30 -dict=tests/fuzz/words.dict \
+  cp -n $(seeds $target) "$work/$target.corpus/"
+  "$work/$target" -max_total_time="$seconds" -max_len=4000 -rss_limit_mb=1000 -timeout=30 -dict="$(dictionary $target)" \
     -artifact_prefix="$work/$target-" -print_final_stats=1 "$work/$target.corpus"
 done

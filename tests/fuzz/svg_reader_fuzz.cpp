@@ -1,9 +1,4 @@
-// libFuzzer on the SVG reader. From the project's folder:
-//   clang++ -std=c++20 -O1 -g -fsanitize=fuzzer,address,undefined -I. $(pkg-config --cflags eigen3 2geom pugixml OpenImageIO)
-//   tests/fuzz/svg_reader_fuzz.cpp design/detail/svg*.cpp design/detail/{fills,coverage}.cpp design/target.cpp
-//     design/core/{files,text,image}.cpp
-//     $(pkg-config --libs 2geom pugixml OpenImageIO) -o /tmp/svg_reader_fuzz
-//   /tmp/svg_reader_fuzz -max_total_time=600 -rss_limit_mb=3000 -timeout=20 fixtures/pictures
+// Fuzzes the SVG reader.
 #include "design/core/errors.h"
 #include "design/detail/svg.h"
 
