@@ -168,6 +168,8 @@ TEST(Chain, ADiskWithALandIsMilledAndCutOut) {
                                 "[mount]\nchamfer_mm = 0.2\ndowel_diameter_mm = 0.8\ndowels_mm = [[6.5, 0], [-6.5, 0]]\n"
                                 "label = \"7\"\nlabel_height_mm = 0.8\n\n[lens]\nshape = \"disk\"\nsize_mm = [11, 11]\n"
                                 "land_mm = 2\nland_drop_mm = 0.5");
+  // The mill goes around the part: three times as wide a blank as the lens, on a grid half as fine.
+  spill(job, replaced(slurp(job), "pitch_um = 40", "pitch_um = 80"));
   const CommandResult made = lightmill_command({"make", job.string(), "-o", run});
   ASSERT_EQ(made.code, 0) << made.err;
   EXPECT_TRUE(fs::exists(fs::path(run) / "program/40_profile.nc"));
