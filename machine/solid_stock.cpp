@@ -28,10 +28,6 @@ constexpr double kStraight_mm = 2e-4;
 constexpr std::size_t kMostInRun = 64;
 constexpr double kSameAxis = 1e-9;
 
-/// The axes that the columns and the rows of a bundle run along.
-constexpr std::array<int, 3> kColumnAxis{1, 0, 0};
-constexpr std::array<int, 3> kRowAxis{2, 2, 1};
-
 double distance_to_way(const Vec3& p, const Vec3& a, const Vec3& b) {
   const Vec3 way = b - a;
   const double length2 = way.squaredNorm();

@@ -33,7 +33,8 @@ class SolidStock {
 
   [[nodiscard]] const Blank& blank() const { return blank_; }
   [[nodiscard]] const Vec3& pitch_mm() const { return pitch_; }
-  /// Of axis 0, 1 or 2: columns run along y, x, x, rows along z, z, y.
+  /// The axes that the columns and the rows of the rays along axis 0, 1 or 2 run along.
+  static constexpr std::array<int, 3> kColumnAxis{1, 0, 0}, kRowAxis{2, 2, 1};
   [[nodiscard]] const RayBundle& rays(int along) const { return rays_[along]; }
   [[nodiscard]] double place_mm(int axis, int cell) const { return low_[axis] + (cell + 0.5) * pitch_[axis]; }
   /// Cells along an axis whose middle lies from `low` to `high`.

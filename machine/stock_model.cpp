@@ -13,6 +13,7 @@
 #include "machine/detail/fault_picture.h"
 #include "machine/detail/stock_field.h"
 #include "machine/detail/stock_tool.h"
+#include "machine/detail/swept_body.h"
 
 namespace lightmill {
 
@@ -30,6 +31,8 @@ constexpr double kMillTurn_rad = 2e-4;
 constexpr double kVertical_rad = 1e-4;
 /// Long motions of tilted mills are cut into pieces so that tiles can be left out.
 constexpr double kTiltedPiece_mm = 1.0;
+/// Pieces in which a cutter that must not cut is held against the solid.
+constexpr double kSolidPiece_mm = 4.0;
 /// Moves in which shank or holder might meet what their own cutter removes are taken apart this finely.
 constexpr double kCollisionPiece_mm = 0.5;
 /// Ends that are nearer than this are one vertex of a path.
@@ -83,11 +86,15 @@ struct StockModel::Impl {
   struct Suspicion {
     bool tip = false;
     bool flutes = false;
-    bool body = false;  ///< shank and holder
+    bool body = false;   ///< shank and holder
+    bool solid = false;  ///< tip or flutes, in the solid
+    [[nodiscard]] bool cutter() const { return tip || flutes || solid; }
   };
   struct Hit {
     StockField::Probe probe;
     const char* part = "";
+    bool inside = false;  ///< as deep inside the solid; else below the top of the heights
+    [[nodiscard]] std::string says() const;
   };
   struct Hits {
     Hit cutter, others;
@@ -130,6 +137,7 @@ struct StockModel::Impl {
   void check_feed(const Piece& piece);
   void check_tip(const Piece& piece, double margin, const std::string& kind, const std::string& says);
   [[nodiscard]] std::vector<Sweep> tip_sweeps(const Piece& piece, double margin) const;
+  [[nodiscard]] std::vector<SweptBody> solid_bodies(const Piece& piece, double margin) const;
   [[nodiscard]] double lowest_of_tip(const Piece& piece) const;
 };
 
@@ -207,7 +215,11 @@ void StockModel::Impl::report(const std::string& kind, const std::string& part, 
   }
   if (k < kMostPictures && faults[k].amount_mm > kDrawnAgain * runs[k].drawn_mm) {
     runs[k].drawn_mm = faults[k].amount_mm;
-    faults[k].picture = fault_picture(field, tools[piece.tool], piece.move.to, piece.move.to.tip_mm - piece.move.from.tip_mm, place,
+    // The tool where it passes the place.
+    const Vec3 way = piece.move.to.tip_mm - piece.move.from.tip_mm;
+    const double share = way.squaredNorm() > 0 ? std::clamp((place - piece.move.from.tip_mm).dot(way) / way.squaredNorm(), 0.0, 1.0) : 1;
+    const ToolPose pose = pose_at(piece.move, turn(piece.move.from, piece.move.to), share);
+    faults[k].picture = fault_picture(field, solid.get(), tools[piece.tool], pose, way, place,
                                       obstacles, kind + (part.empty() ? "" : ", " + part) + ", line " + std::to_string(piece.move.line));
   }
   const FaultRun& run = runs[k];
@@ -218,6 +230,10 @@ void StockModel::Impl::report(const std::string& kind, const std::string& part, 
             std::to_string(run.last_line) + ")";
   }
   faults[k].message = text;
+}
+
+std::string StockModel::Impl::Hit::says() const {
+  return mm(probe.depth_mm) + (inside ? " inside the material" : " below the top of the stock");
 }
 
 /// Everything of the cutter that its motion covers, as sweeps grown by a margin. A ball's flutes are checked as slices.
@@ -262,6 +278,26 @@ std::vector<Sweep> StockModel::Impl::tip_sweeps(const Piece& piece, double margi
     result.push_back(sweep);
   }
   return result;
+}
+
+/// The parts of a move's cutter that may meet the solid. What leaning flutes have left may stand off by half a step of the turn
+/// of those that cut it.
+std::vector<SweptBody> StockModel::Impl::solid_bodies(const Piece& piece, double margin) const {
+  const Tool& tool = tools[piece.tool];
+  const SweptMove& move = piece.move;
+  if (leans(move.from) || leans(move.to)) margin -= tool.flute_length_mm * (tool.ball ? kBallTurn_rad : kMillTurn_rad) / 2;
+  const Vec3 way = move.to.tip_mm - move.from.tip_mm;
+  const double angle = turn(move.from, move.to);
+  const int count = std::max(1, static_cast<int>(std::ceil(way.norm() / kSolidPiece_mm)));
+  std::vector<SweptBody> bodies;
+  ToolPose last = move.from;
+  for (int k = 1; k <= count; ++k) {
+    const ToolPose next = pose_at(move, angle, static_cast<double>(k) / count);
+    SweptBody body(tool, last, next, margin);
+    if (body.low().z() < solid->highest({body.low().head<2>(), body.high().head<2>()})) bodies.push_back(body);
+    last = next;
+  }
+  return bodies;
 }
 
 double StockModel::Impl::lowest_of_tip(const Piece& piece) const {
@@ -374,6 +410,7 @@ void StockModel::Impl::apply() {
       if (!cutting || is_too_fast(piece)) {
         for (const Sweep& sweep : tip_sweeps(piece, margin)) suspicions[k].tip |= field.may_touch(sweep);
       }
+      suspicions[k].solid = solid && !cutting && !solid_bodies(piece, margin).empty();
       const bool leaning = leans(piece.move.from) || leans(piece.move.to);
       for (const Tool::Slice& slice : tool.slices) {
         const bool flutes = slice.part == Tool::Part::kFlutes;
@@ -513,7 +550,7 @@ void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
   if (cutting && suspicion.tip) check_feed(piece);
 
   bool removes = cutting;
-  if (suspicion.body || (!cutting && (suspicion.tip || suspicion.flutes))) {
+  if (suspicion.body || (!cutting && suspicion.cutter())) {
     cut_collected();  // the stock as it stands when this move starts
     if (solid) solid->flush();
     const double clearance = piece.move.rapid ? options.rapid_clearance_mm : 0.0;
@@ -535,22 +572,18 @@ void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
       const Hit& worst = hits.cutter.probe.depth_mm >= hits.others.probe.depth_mm ? hits.cutter : hits.others;
       if (worst.probe.depth_mm > 0) {
         report("rapid_in_stock", "", piece,
-               "rapid with the " + std::string(worst.part) + " " + mm(worst.probe.depth_mm) +
-                   " below the top of the stock" +
+               "rapid with the " + std::string(worst.part) + " " + worst.says() +
                    (clearance > 0 ? " (or nearer than " + mm(clearance) + " to it)" : ""),
                worst.probe.place_mm, worst.probe.depth_mm);
       }
     } else {
       if (hits.cutter.probe.depth_mm > 0) {
         report("spindle_off_in_cut", "", piece,
-               "feed with the spindle off and the cutter " + mm(hits.cutter.probe.depth_mm) +
-                   " below the top of the stock",
-               hits.cutter.probe.place_mm, hits.cutter.probe.depth_mm);
+               "feed with the spindle off and the cutter " + hits.cutter.says(), hits.cutter.probe.place_mm, hits.cutter.probe.depth_mm);
       }
       if (hits.others.probe.depth_mm > 0) {
         report("collision", hits.others.part, piece,
-               "the " + std::string(hits.others.part) + " is " + mm(hits.others.probe.depth_mm) +
-                   " below the top of the stock",
+               "the " + std::string(hits.others.part) + " is " + hits.others.says(),
                hits.others.probe.place_mm, hits.others.probe.depth_mm);
       }
     }
@@ -579,17 +612,23 @@ StockModel::Impl::Hits StockModel::Impl::hits_of(const Piece& piece, const Suspi
       if (probe.depth_mm > hits.cutter.probe.depth_mm) hits.cutter = {probe, "cutter"};
     }
   }
+  if (suspicion.solid && !cutting) {
+    for (const SweptBody& body : solid_bodies(piece, margin)) {
+      const auto probe = touch(*solid, body);
+      if (probe.depth_mm > hits.cutter.probe.depth_mm) hits.cutter = {probe, "cutter", true};
+    }
+  }
   for (const Tool::Slice& slice : tool.slices) {
     const bool flutes = slice.part == Tool::Part::kFlutes;
     if (flutes ? (cutting || !suspicion.flutes) : !suspicion.body) continue;
     Hit& hit = flutes ? hits.cutter : hits.others;
-    const auto look = [&](const auto& stock) {
+    const auto look = [&](const auto& stock, bool inside) {
       if (!may_touch(stock, slice.body, piece.move.from, piece.move.to, margin)) return;
       const auto probe = touch(stock, slice.body, piece.move.from, piece.move.to, margin);
-      if (probe.depth_mm > hit.probe.depth_mm) hit = {probe, name_of(slice.part)};
+      if (probe.depth_mm > hit.probe.depth_mm) hit = {probe, name_of(slice.part), inside};
     };
-    look(field);
-    if (solid && !flutes) look(*solid);
+    look(field, false);
+    if (solid && !flutes) look(*solid, true);
   }
   return hits;
 }

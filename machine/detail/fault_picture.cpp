@@ -27,7 +27,7 @@ std::string picture_of(double width, double height) {
 
 }  // namespace
 
-std::string fault_picture(const StockField& field, const Tool& tool, const ToolPose& pose, const Vec3& motion_mm,
+std::string fault_picture(const StockField& field, const SolidStock* solid, const Tool& tool, const ToolPose& pose, const Vec3& motion_mm,
                           const Vec3& place_mm, const std::vector<KeepOut>& obstacles, const std::string& title) {
   Vec2 along = pose.axis.head<2>();
   if (along.norm() < 1e-3) along = motion_mm.head<2>();
@@ -39,20 +39,51 @@ std::string fault_picture(const StockField& field, const Tool& tool, const ToolP
   const auto point = [&](double s, double z) { return x(s) + "," + y(z) + " "; };
   std::string svg = picture_of(kWidth_mm * kPixelsPerMm, kHeight_mm * kPixelsPerMm);
 
-  // The stock along the plane.
-  const auto height_at = [&](double s) {
-    const Vec2 p = centre + s * along;
-    const double i = std::round((p.x() - field.extent().min.x()) / field.pitch_mm()), j = std::round((p.y() - field.extent().min.y()) / field.pitch_mm());
-    const Grid<float>& heights = field.heights();
-    if (i < 0 || j < 0 || i >= heights.width || j >= heights.height) return 0.0;
-    return static_cast<double>(heights.at(static_cast<int>(i), static_cast<int>(j)));
+  // The stock along the plane: the heights' outline, or the spans of the solid's nearest rays.
+  const auto polygon = [&](const std::string& points) {
+    svg += "<polygon points=\"" + points + "\" fill=\"#bcd3ea\" stroke=\"#3b6ea5\"/>\n";
   };
-  std::string outline = point(left, std::min(0.0, bottom));
-  for (int k = 0; k <= kColumns; ++k) {
-    const double s = left + kWidth_mm * k / kColumns;
-    outline += point(s, height_at(s));
+  if (solid != nullptr) {
+    const auto spans_at = [&](int column) -> std::span<const Span> {
+      const Vec2 p = centre + (left + kWidth_mm * (column + 0.5) / kColumns) * along;
+      const auto i = solid->cells(0, p.x() - solid->pitch_mm().x() / 2, kNothing), j = solid->cells(1, p.y() - solid->pitch_mm().y() / 2, kNothing);
+      const Vec2 beside = (p.cwiseAbs() - solid->blank().size_mm / 2);
+      if (beside.maxCoeff() > 0 || i.empty() || j.empty()) return {};
+      return solid->rays(2).at(i.from, j.from);
+    };
+    // Columns with the same number of spans are drawn together.
+    for (int k = 0; k < kColumns;) {
+      int end = k + 1;
+      while (end < kColumns && spans_at(end).size() == spans_at(k).size()) ++end;
+      for (std::size_t n = 0; n < spans_at(k).size(); ++n) {
+        std::string tops, bottoms;
+        for (int column = k; column < end; ++column) {
+          const Span& span = spans_at(column)[n];
+          for (const int side : {0, 1}) {
+            const double s = left + kWidth_mm * (column + side) / kColumns;
+            tops += point(s, span.to);
+            bottoms.insert(0, point(s, span.from));
+          }
+        }
+        polygon(tops + bottoms);
+      }
+      k = end;
+    }
+  } else {
+    const auto height_at = [&](double s) {
+      const Vec2 p = centre + s * along;
+      const double i = std::round((p.x() - field.extent().min.x()) / field.pitch_mm()), j = std::round((p.y() - field.extent().min.y()) / field.pitch_mm());
+      const Grid<float>& heights = field.heights();
+      if (i < 0 || j < 0 || i >= heights.width || j >= heights.height) return 0.0;
+      return static_cast<double>(heights.at(static_cast<int>(i), static_cast<int>(j)));
+    };
+    std::string outline = point(left, std::min(0.0, bottom));
+    for (int k = 0; k <= kColumns; ++k) {
+      const double s = left + kWidth_mm * k / kColumns;
+      outline += point(s, height_at(s));
+    }
+    polygon(outline + point(-left, std::min(0.0, bottom)));
   }
-  svg += "<polygon points=\"" + outline + point(-left, std::min(0.0, bottom)) + "\" fill=\"#bcd3ea\" stroke=\"#3b6ea5\"/>\n";
 
   // Clamps and table, where the plane meets them.
   for (const KeepOut& box : obstacles) {

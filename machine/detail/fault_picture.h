@@ -11,8 +11,9 @@
 
 namespace lightmill {
 
-/// An SVG, true to scale: the upright plane through `place_mm` that the cutter leans in (or moves in, if it stands upright).
-std::string fault_picture(const StockField& field, const Tool& tool, const ToolPose& pose, const Vec3& motion_mm,
+/// An SVG, true to scale: the upright plane through `place_mm` that the cutter leans in (or moves in, if it stands upright). The
+/// stock as the solid has it, if there is one (else null).
+std::string fault_picture(const StockField& field, const SolidStock* solid, const Tool& tool, const ToolPose& pose, const Vec3& motion_mm,
                           const Vec3& place_mm, const std::vector<KeepOut>& obstacles, const std::string& title);
 
 /// An SVG of the axes' travels as bars, where each stands and where a move would take it; what passes a limit is red.

@@ -41,13 +41,14 @@ Chord moving_disk_chord(double p, double q, double dp, double dq, double radius,
 
 }  // namespace
 
-SweptBody::SweptBody(const Tool& tool, const ToolPose& from, const ToolPose& to)
-    : body_{tool.radius_mm - tool.corner_mm, tool.corner_mm, std::max(tool.corner_mm, tool.flute_length_mm - tool.corner_mm), tool.spread},
-      radius_(tool.radius_mm),
-      top_(tool.flute_length_mm),
-      tip_(from.tip_mm),
+SweptBody::SweptBody(const Tool& tool, const ToolPose& from, const ToolPose& to, double margin_mm)
+    : radius_(std::max(0.0, tool.radius_mm + margin_mm)),
+      top_(tool.flute_length_mm + 2 * margin_mm),
       motion_(to.tip_mm - from.tip_mm),
       axis_((from.axis + to.axis).normalized()) {
+  tip_ = from.tip_mm - margin_mm * axis_;
+  const double corner = std::clamp(tool.corner_mm + margin_mm, 0.0, radius_);
+  body_ = {radius_ - corner, corner, std::max(corner, top_ - corner), tool.spread};
   const auto leans = [](const ToolPose& pose) { return std::hypot(pose.axis.x(), pose.axis.y()) > kVertical_rad; };
   if (tool.ball && tool.spread <= 0) {
     kind_ = Kind::kBall;
@@ -80,8 +81,8 @@ SweptBody::SweptBody(const Tool& tool, const ToolPose& from, const ToolPose& to)
     upright_.radius_mm = radius_;
     upright_.corner_mm = body_.corner_mm;
     upright_.flat_mm = body_.flat_mm;
-    upright_.from = from.tip_mm;
-    upright_.to = to.tip_mm;
+    upright_.from = tip_;
+    upright_.to = tip_ + motion_;
     upright_.prepare();
   }
   low_ = Vec3::Constant(kNothing);
@@ -252,6 +253,34 @@ Chord SweptBody::ball_chord(int along, const Vec3& place) const {
     }
   }
   return chord;
+}
+
+StockField::Probe touch(const SolidStock& solid, const SweptBody& body) {
+  StockField::Probe deepest;
+  for (const int along : {2, 0, 1}) {
+    const int column_axis = SolidStock::kColumnAxis[along], row_axis = SolidStock::kRowAxis[along];
+    const auto columns = solid.cells(column_axis, body.low()[column_axis], body.high()[column_axis]);
+    const auto rows = solid.cells(row_axis, body.low()[row_axis], body.high()[row_axis]);
+    Vec3 place = Vec3::Zero();
+    for (int row = rows.from; row <= rows.to; ++row) {
+      place[row_axis] = solid.place_mm(row_axis, row);
+      for (int column = columns.from; column <= columns.to; ++column) {
+        const auto spans = solid.rays(along).at(column, row);
+        if (spans.empty() || spans.back().to <= body.low()[along] || spans.front().from >= body.high()[along]) continue;
+        place[column_axis] = solid.place_mm(column_axis, column);
+        const Chord chord = body.chord(along, place);
+        for (const Span& span : spans) {
+          const double from = std::max<double>(span.from, chord.from);
+          const double depth = std::min<double>(span.to, chord.to) - from;
+          if (depth <= deepest.depth_mm) continue;
+          deepest = {depth, place};
+          deepest.place_mm[along] = from;
+        }
+      }
+    }
+    if (deepest.depth_mm > 0) break;
+  }
+  return deepest;
 }
 
 }  // namespace lightmill

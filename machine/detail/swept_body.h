@@ -24,8 +24,8 @@ struct Chord {
 /// both sides.
 class SweptBody {
  public:
-  /// The axis is that of the motion's middle.
-  SweptBody(const Tool& tool, const ToolPose& from, const ToolPose& to);
+  /// The axis is that of the motion's middle. A margin grows the cutter by so much all around, or shrinks it.
+  SweptBody(const Tool& tool, const ToolPose& from, const ToolPose& to, double margin_mm = 0);
 
   [[nodiscard]] const Vec3& low() const { return low_; }    ///< corners of a box around it
   [[nodiscard]] const Vec3& high() const { return high_; }
@@ -57,5 +57,8 @@ class SweptBody {
   bool flat_ = false;  ///< the parallelogram has a plane
   Vec3 normal_, along_motion_, along_axis_;  ///< unit; shares of a place in the plane
 };
+
+/// How deep the body is inside a solid's material along z; where it passes between the z rays, along x or y.
+StockField::Probe touch(const SolidStock& solid, const SweptBody& body);
 
 }  // namespace lightmill

@@ -839,6 +839,101 @@ TEST(StockModel, AHolderUnderAnOverhangMeetsTheSolidAndNotTheHeights) {
   }
 }
 
+/// A block with a solid, slit along y by a mill that leans 60 degrees: from x = 2 on material hangs over the slit.
+void undercut(StockModel& model) {
+  Cutter thin = mill(1, 0);
+  thin.flute_length_mm = 20;
+  model.set_cutter(thin);
+  const Vec3 axis = leaning(60, 0);
+  feed(model, {{{2, -9, 2}, axis}, {{2, 9, 2}, axis}});
+  model.flush();
+}
+
+TEST(StockModel, ARapidThroughWhatHangsOverAnUndercutMeetsTheSolidAndNotTheHeights) {
+  // Level through the overhang, 0.6 mm below its top; and the slit itself is free for the mill that cut it.
+  for (const double solid_pitch_mm : {0.0, 0.2}) {
+    for (const bool rapidly : {true, false}) {
+      StockOptions options;
+      options.pitch_mm = 0.2;
+      options.solid_pitch_mm = solid_pitch_mm;
+      StockModel model({{12, 9}, 5}, options);
+      undercut(model);
+      const Vec3 axis = leaning(60, 0);
+      rapid(model, {{2, 9, 2}, axis}, {{2, -9, 2}, axis}, 5);
+      model.flush();
+      EXPECT_TRUE(model.faults().empty()) << model.faults()[0].message;
+      const ToolPose from{{4.5, -9, 4.4}, Vec3::UnitZ()}, to{{4.5, 9, 4.4}, Vec3::UnitZ()};
+      model.set_cutter(mill(1, 0));
+      if (rapidly) {
+        rapid(model, from, to, 10);
+        rapid(model, to, from, 30);  // what a crash takes along is gone
+      } else {
+        feed(model, {from, to}, 10, false);
+      }
+      model.flush();
+      if (solid_pitch_mm == 0) {
+        EXPECT_TRUE(model.faults().empty());
+        continue;
+      }
+      ASSERT_EQ(model.faults().size(), 1U);
+      const Fault& fault = model.faults()[0];
+      EXPECT_EQ(fault.kind, rapidly ? "rapid_in_stock" : "spindle_off_in_cut");
+      EXPECT_EQ(fault.line, 10);
+      EXPECT_NEAR(fault.amount_mm, 0.6, 1e-2);
+      EXPECT_NEAR(fault.place_mm.x(), 4.5, 0.51);
+      EXPECT_NEAR(fault.place_mm.z(), 4.4, 0.02);
+      EXPECT_NE(fault.message.find("inside the material"), std::string::npos) << fault.message;
+      EXPECT_NE(fault.picture.find("<svg"), std::string::npos);
+    }
+  }
+}
+
+TEST(StockModel, ARapidThroughATabIsOneFaultForHeightsAndSolid) {
+  // A slot right through but for a tab 1 mm high and 3 mm long.
+  StockOptions options;
+  options.pitch_mm = 0.1;
+  options.solid_pitch_mm = 0.2;
+  StockModel model({{20, 12}, 4}, options);
+  model.set_cutter(mill(3, 0));
+  const Vec3 up = Vec3::UnitZ();
+  feed(model, {{{-12, 0, 0}, up}, {{-3, 0, 0}, up}, {{-3, 0, 1}, up}, {{3, 0, 1}, up}, {{3, 0, 0}, up}, {{12, 0, 0}, up}});
+  model.flush();
+  rapid(model, {{12, 0, 0}, up}, {{3, 0, 0}, up}, 20);
+  rapid(model, {{3, 0, 1}, up}, {{-3, 0, 1}, up}, 21);
+  rapid(model, {{-3, 0, 1}, up}, {{-3, 0, 0}, up}, 22);
+  model.flush();
+  EXPECT_TRUE(model.faults().empty()) << model.faults()[0].message;
+  rapid(model, {{-3, 0, 0}, up}, {{3, 0, 0}, up}, 25);
+  model.flush();
+  ASSERT_EQ(model.faults().size(), 1U);
+  EXPECT_EQ(model.faults()[0].kind, "rapid_in_stock");
+  EXPECT_EQ(model.faults()[0].line, 25);
+  EXPECT_NEAR(model.faults()[0].amount_mm, 1, 2e-3);
+  EXPECT_LT(std::abs(model.faults()[0].place_mm.x()), 3);
+  EXPECT_EQ(model.solid()->pieces().size(), 2U) << "a rapid through a tab breaks it";
+}
+
+TEST(StockModel, AWallThinnerThanTheRaysOfTheSolidIsMet) {
+  // 0.08 mm of material between two slots, between the nodes and the z rays: the y rays cross it.
+  StockOptions options;
+  options.pitch_mm = 0.1;
+  options.solid_pitch_mm = 0.4;
+  StockModel model({{12, 10}, 4}, options);
+  model.set_cutter(mill(4, 0));
+  const Vec3 up = Vec3::UnitZ();
+  feed(model, {{{-9, -1.99, 2}, up}, {{9, -1.99, 2}, up}});
+  feed(model, {{{9, 2.09, 2}, up}, {{-9, 2.09, 2}, up}}, 4);
+  rapid(model, {{-9, 2.09, 2}, up}, {{9, 2.09, 2}, up}, 6);
+  model.flush();
+  EXPECT_TRUE(model.faults().empty()) << model.faults()[0].message;
+  rapid(model, {{-9, -1.95, 2}, up}, {{9, -1.95, 2}, up}, 9);
+  model.flush();
+  ASSERT_EQ(model.faults().size(), 1U);
+  EXPECT_EQ(model.faults()[0].line, 9);
+  EXPECT_NEAR(model.faults()[0].amount_mm, 0.04 - 1e-3, 1e-5);
+  EXPECT_NEAR(model.faults()[0].place_mm.y(), 0.01, 1e-5);
+}
+
 TEST(StockModel, FilesReadBackAsWritten) {
   const test::ScratchFolder folder;
   const auto path = folder / "machined.tif";
