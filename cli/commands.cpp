@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "cli/errors_file.h"
+#include "cli/fault_files.h"
 #include "cli/job.h"
 #include "cli/mill_proof.h"
 #include "cli/operator_keys.h"
@@ -28,6 +29,7 @@
 #include "design/core/image.h"
 #include "design/core/parallel.h"
 #include "design/core/text.h"
+#include "machine/fault_words.h"
 #include "postproc/kinematics.h"
 
 namespace lightmill {
@@ -177,18 +179,17 @@ int dry_run_programs(const Common& common, const std::vector<std::string>& progr
                                         ? simulate_programs(shop, paths, fs::absolute(out), progress.stage("dry-run"))
                                         : run_program_files(shop, dialect, paths, fs::absolute(out), progress.stage("dry-run"));
   progress.done();
-  json list = json::array();
-  for (const Fault& fault : outcome.faults) {
-    list.push_back({{"kind", fault.kind}, {"program", fault.program}, {"line", fault.line}, {"message", fault.message}});
-  }
-  write_whole(fs::path(out) / "faults.json", json({{"faults", list}}).dump(2) + "\n");
+  const FaultFiles files = write_fault_pictures(out, "", outcome.faults, [&](const std::string& program) {
+    const auto found = std::find_if(paths.begin(), paths.end(), [&](const fs::path& path) { return path.filename() == program; });
+    return found == paths.end() ? std::string() : read_whole(*found);
+  });
+  write_whole(fs::path(out) / "faults.json", json({{"faults", files.list}, {"pictures", files.picture_count()}}).dump(2) + "\n");
   write_proof(out, shop, paths, outcome.faults.size());
   progress.say("lines: " + std::to_string(outcome.lines) + ", minutes: " + fixed(total_minutes(outcome.timing), 1) + ", removed: " +
                fixed(outcome.removed_mm3, 1) + " mm3, faults: " + std::to_string(outcome.faults.size()));
   if (outcome.faults.empty()) return kExitDone;
-  const Fault& first = outcome.faults.front();
-  std::fprintf(stderr, "lightmill: the dry run found %zu fault(s), first: %s line %ld: %s; see %s\n", outcome.faults.size(),
-               first.kind.c_str(), first.line, first.message.c_str(), (fs::path(out) / "faults.json").c_str());
+  std::fprintf(stderr, "lightmill: the dry run found %zu fault(s), first: %s; see %s\n", outcome.faults.size(),
+               described(outcome.faults.front()).c_str(), (fs::path(out) / "faults.json").c_str());
   return kExitDryRunFault;
 }
 

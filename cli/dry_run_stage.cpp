@@ -4,9 +4,9 @@
 
 #include "cli/cut_out_report.h"
 #include "cli/digest.h"
+#include "cli/fault_files.h"
 #include "cli/machined_light.h"
 #include "cli/pictures.h"
-#include "cli/program_excerpt.h"
 #include "cli/simulation.h"
 #include "cli/spline_file.h"
 #include "cli/stage_runs.h"
@@ -46,16 +46,6 @@ std::vector<fs::path> programs_of(const RunFolder& folder, std::vector<Fault>& f
   return programs;
 }
 
-/// The place of a fault in the program's text, for those that have no section through the stock.
-std::string excerpt_of(const RunFolder& folder, const Fault& fault) {
-  const fs::path program = folder.file("program/" + fault.program);
-  std::error_code error;
-  if (fault.line <= 0 || fault.program.empty() || !fs::exists(program, error)) return "";
-  return program_excerpt(read_whole(program), fault.line, fault.program + ": " + fault.message);
-}
-
-std::string picture_name(int number) { return "dry_run/fault_" + std::string(number < 10 ? "0" : "") + std::to_string(number) + ".svg"; }
-
 json to_json(const CuspDiffraction& diffraction) {
   json orders = json::array();
   for (const DiffractionOrder& order : diffraction.orders) {
@@ -68,9 +58,6 @@ json to_json(const CuspDiffraction& diffraction) {
 constexpr double kPolishRim_mm = 1;
 
 std::string place(const Vec2& p) { return "x " + fixed(p.x(), 2) + ", y " + fixed(p.y(), 2) + " mm"; }
-
-/// Of faults in all; the rest have their places in words.
-constexpr int kMostPictures = 24;
 
 Fault surface_fault(const std::string& kind, const std::string& message, const Vec2& where, double amount_um) {
   Fault fault;
@@ -158,23 +145,14 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
     for (const Fault& fault : feed_faults(timings, cam, postproc)) faults.push_back(fault);
   }
 
-  json list = json::array();
   std::map<std::string, long> kinds;
-  int pictures = 0;
-  std::error_code ignored;
-  for (int k = 1; fs::remove(folder.file(picture_name(k)), ignored); ++k) {
-  }
-  for (Fault& fault : faults) {
-    if (fault.picture.empty() && pictures < kMostPictures) fault.picture = excerpt_of(folder, fault);
-    if (fault.picture.starts_with("<svg")) {
-      const std::string name = picture_name(++pictures);
-      write_whole(folder.file(name), fault.picture);
-      result.files.push_back(name);
-      fault.picture = name;
-    }
-    list.push_back(to_json(fault));
-    ++kinds[fault.kind];
-  }
+  for (const Fault& fault : faults) ++kinds[fault.kind];
+  const FaultFiles files = write_fault_pictures(folder.root(), "dry_run/", faults, [&](const std::string& program) {
+    const fs::path path = folder.file("program/" + program);
+    std::error_code error;
+    return fs::exists(path, error) ? read_whole(path) : std::string();
+  });
+  result.files.insert(result.files.end(), files.pictures.begin(), files.pictures.end());
   json streams = json::array();
   double stream_seconds = 0;
   long stream_lines = 0;
@@ -186,7 +164,7 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
     stream_seconds += s.seconds;
     stream_lines += s.lines_acknowledged;
   }
-  write_whole(folder.file("dry_run/faults.json"), json({{"faults", list}, {"streams", streams}}).dump(2) + "\n");
+  write_whole(folder.file("dry_run/faults.json"), json({{"faults", files.list}, {"pictures", files.picture_count()}, {"streams", streams}}).dump(2) + "\n");
 
   report["faults"] = faults.size();
   report["fault_kinds"] = kinds;

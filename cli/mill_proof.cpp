@@ -6,9 +6,11 @@
 
 #include "cli/commands.h"
 #include "cli/digest.h"
+#include "cli/fault_files.h"
 #include "cli/stages.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
+#include "machine/fault_words.h"
 
 namespace lightmill {
 
@@ -23,11 +25,7 @@ std::string first_fault(const RunFolder& folder, int faults) {
   std::string first;
   const json list = json::parse(read_whole(folder.file("dry_run/faults.json")), nullptr, false);
   if (list.is_object() && !list["faults"].empty()) {
-    const json& fault = list["faults"][0];
-    first = fault.value("kind", "");
-    if (!fault.value("program", "").empty()) first += " in " + fault.value("program", "");
-    if (fault.value("line", 0L) > 0) first += " line " + std::to_string(fault.value("line", 0L));
-    first += ": " + fault.value("message", "");
+    first = described(fault_from(list["faults"][0]));
     std::replace(first.begin(), first.end(), '\n', ' ');
   }
   return "the dry run found " + std::to_string(faults) + " fault" + (faults == 1 ? "" : "s") + ", first: " + first +

@@ -5,12 +5,14 @@
 
 #include "cam/finishing.h"
 #include "cli/crease_report.h"
+#include "cli/fault_files.h"
 #include "cli/pages.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/markup.h"
 #include "design/core/text.h"
+#include "machine/fault_words.h"
 
 namespace lightmill {
 
@@ -145,24 +147,25 @@ std::string faults_table(const RunFolder& folder) {
   std::string html = "<h2 id=faults>Faults</h2>\n";
   const json& faults = list["faults"];
   if (faults.empty()) return html + "<p>None.</p>\n";
-  html += "<table><tr><th>kind</th><th>program</th><th>line</th><th>what</th><th>where (part, mm)</th></tr>\n";
+  html += "<table><tr><th>kind</th><th>program</th><th>lines</th><th>what</th><th>where (part, mm)</th></tr>\n";
   constexpr std::size_t kMostRows = 60;
   for (std::size_t i = 0; i < std::min(faults.size(), kMostRows); ++i) {
-    const json& f = faults[i];
-    const json at = f.value("place_mm", json::array());
-    std::string where;
-    for (const auto& v : at) where += (where.empty() ? "" : ", ") + (v.is_number() ? fixed(v.get<double>(), 2) : std::string("?"));
-    const long line = f.value("line", 0L);
-    html += "<tr><td><span class=no>" + escaped(f.value("kind", "")) + "</span></td><td>" + escaped(f.value("program", "")) + "</td><td class=number>" +
-            (line > 0 ? std::to_string(line) : "") + "</td><td>" + escaped(f.value("message", "")) + "</td><td class=number>" + where + "</td></tr>\n";
+    const Fault fault = fault_from(faults[i]);
+    const Vec3& at = fault.place_mm;
+    html += "<tr><td><span class=no>" + escaped(fault.kind) + "</span></td><td>" + escaped(fault.program) + "</td><td>" + lines_in_words(fault) +
+            "</td><td>" + escaped(fault.message) + "</td><td class=number>" + fixed(at.x(), 2) + ", " + fixed(at.y(), 2) + ", " + fixed(at.z(), 2) +
+            "</td></tr>\n";
   }
   html += "</table>\n<div class=pictures style=\"margin-top:14px\">\n";
   for (const json& f : faults) {
-    if (f.value("picture", "").empty()) continue;
-    html += picture(folder, f.value("picture", ""), f.value("kind", "") + " in " + f.value("program", "") + ", line " + std::to_string(f.value("line", 0L)),
-                    f.value("message", ""));
+    const Fault fault = fault_from(f);
+    if (!fault.picture.empty()) html += picture(folder, fault.picture, heading(fault), fault.message);
   }
   html += "</div>\n";
+  if (const int left_out = list.value("/pictures/left_out"_json_pointer, 0); left_out > 0) {
+    html += "<p class=soft>" + std::to_string(left_out) + " more faults have no picture: drawn are the first of every kind and then the first in order, " +
+            std::to_string(kMostFaultPictures) + " in all.</p>\n";
+  }
   if (faults.size() > kMostRows) {
     html += "<p class=soft>" + std::to_string(faults.size() - kMostRows) + " more in <a href=\"dry_run/faults.json\">faults.json</a>.</p>\n";
   }

@@ -8,10 +8,12 @@
 #include "cli/child_process.h"
 #include "cli/commands.h"
 #include "cli/errors_file.h"
+#include "cli/fault_files.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/text.h"
 #include "machine/connection.h"
+#include "machine/fault_words.h"
 #include "machine/program_lines.h"
 #include "machine/program_run.h"
 #include "machine/pseudo_terminal.h"
@@ -23,56 +25,9 @@ namespace lightmill {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-json to_json(const Fault& fault) {
-  return {{"picture", fault.picture},
-          {"kind", fault.kind},       {"program", fault.program},
-          {"line", fault.line},       {"message", fault.message},
-          {"amount_mm", fault.amount_mm}, {"place_mm", {fault.place_mm.x(), fault.place_mm.y(), fault.place_mm.z()}}};
-}
-
 namespace {
 
-Fault fault_from(const json& j) {
-  Fault fault;
-  fault.kind = j.at("kind");
-  fault.program = j.at("program");
-  fault.line = j.at("line");
-  fault.message = j.at("message");
-  fault.picture = j.value("picture", "");
-  fault.amount_mm = j.at("amount_mm").is_number() ? j.at("amount_mm").get<double>() : 0;
-  for (int i = 0; i < 3; ++i) fault.place_mm[i] = j.at("place_mm").at(i).is_number() ? j.at("place_mm").at(i).get<double>() : 0;
-  return fault;
-}
-
 std::string numbers(const Vec3& v) { return compact(v.x(), 9) + "," + compact(v.y(), 9) + "," + compact(v.z(), 9); }
-
-/// From the machine's count of lines through all programs to a program and a line of its text.
-class LineFinder {
- public:
-  LineFinder(const std::vector<fs::path>& programs, const std::vector<std::string>& texts) {
-    for (std::size_t i = 0; i < texts.size(); ++i) {
-      names_.push_back(programs[i].filename().string());
-      numbers_.emplace_back();
-      for (const auto& line : program_lines(texts[i])) numbers_.back().push_back(line.number);
-    }
-  }
-  void locate(std::string& program, long& line) const {
-    long count = line;
-    if (count <= 0) return;
-    for (std::size_t i = 0; i < names_.size(); ++i) {
-      if (count <= static_cast<long>(numbers_[i].size())) {
-        program = names_[i];
-        line = numbers_[i][static_cast<std::size_t>(count - 1)];
-        return;
-      }
-      count -= static_cast<long>(numbers_[i].size());
-    }
-  }
-
- private:
-  std::vector<std::string> names_;
-  std::vector<std::vector<long>> numbers_;
-};
 
 /// The last line of what the child said before it died.
 std::string last_words(const fs::path& log) {
@@ -343,22 +298,33 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   if (*code != 0) {
     throw IoError("the simulated machine ended with exit code " + std::to_string(*code) + ": " + last_words(log));
   }
-  const json result = json::parse(read_whole(out / "result.json"));
+  json result = json::parse(read_whole(out / "result.json"));
   outcome.lines = result.at("lines");
   outcome.bytes_received = result.at("received_bytes");
   outcome.bytes_lost = result.at("overflowed_bytes");
   outcome.highest_buffer_fill = result.at("highest_buffer_fill");
   outcome.removed_mm3 = result.at("removed_mm3");
-  const LineFinder finder(programs, texts);
-  for (const auto& record : result.at("faults")) {
+  // The machine counts lines through all programs; everybody else names a program and a line of its text.
+  SentLines sent;
+  for (std::size_t i = 0; i < programs.size(); ++i) sent.add(programs[i].filename().string(), texts[i]);
+  for (json& record : result.at("faults")) {
     Fault fault = fault_from(record);
-    finder.locate(fault.program, fault.line);
+    locate(fault, sent);
+    record = to_json(fault);
     outcome.faults.push_back(fault);
   }
+  for (json& mark : result.at("worst_starvations")) {
+    if (const auto place = sent.find(mark.at("line"))) mark.update({{"program", place->program}, {"line", place->line}});
+  }
+  write_whole(out / "result.json", result.dump(1) + "\n");
   for (const auto& record : result.at("timing")) {
     ProgramSection found{"", section_from(record)};
-    finder.locate(found.program, found.section.timing.slow_line);
-    finder.locate(found.program, found.section.line);
+    for (long* line : {&found.section.timing.slow_line, &found.section.line}) {
+      const auto place = sent.find(*line);
+      if (!place) continue;
+      *line = place->line;
+      found.program = place->program;
+    }
     outcome.timing.push_back(found);
   }
 

@@ -4,7 +4,6 @@
 
 #include <filesystem>
 #include <functional>
-#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -78,8 +77,5 @@ SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string
 
 /// "done", "controller error", ...
 std::string stream_end_name(StreamEnd end);
-
-/// A fault as result.json and faults.json hold it.
-nlohmann::json to_json(const Fault& fault);
 
 }  // namespace lightmill

@@ -27,6 +27,7 @@
 #include "machine/block_transfer.h"
 #include "machine/connection.h"
 #include "machine/drip_feed.h"
+#include "machine/fault_words.h"
 #include "machine/journal.h"
 #include "machine/program_lines.h"
 #include "machine/program_schedule.h"
@@ -521,10 +522,8 @@ std::optional<int> show_and_try(const Errand& errand, const BrokenProgram& broke
                                          options.dialect, progress.stage("trial"));
   progress.done();
   if (!trial.faults.empty()) {
-    const Fault& fault = trial.faults.front();
-    std::fprintf(stderr,
-                 "lightmill: the trial of the restart found %zu fault(s), first: %s line %ld: %s; nothing was sent\n",
-                 trial.faults.size(), fault.kind.c_str(), fault.line, fault.message.c_str());
+    std::fprintf(stderr, "lightmill: the trial of the restart found %zu fault(s), first: %s; nothing was sent\n",
+                 trial.faults.size(), described(trial.faults.front()).c_str());
     return kExitDryRunFault;
   }
   progress.say("trial         no fault on the simulated machine, " + fixed(trial.seconds / 60, 1) + " minutes");

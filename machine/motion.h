@@ -38,11 +38,13 @@ struct SweptMove {
 struct Fault {
   std::string kind;      ///< "limit", "rapid_in_stock", "spindle_off_in_cut", "collision", "gouge", "alarm", "error", ...
   std::string program;   ///< file, if known
-  long line = 0;
-  std::string message;   ///< one line for the operator
+  long line = 0;         ///< of its text; the first, if others repeat it
+  long last_line = 0;    ///< the last that repeats it; 0: no other
+  long worst_line = 0;   ///< where place and amount hold; 0: `line`
+  std::string message;   ///< one line for the operator, without the place in the program (see fault_words.h)
   Vec3 place_mm = Vec3::Zero();  ///< workpiece frame, if it has one
   double amount_mm = 0;  ///< depth, overtravel...
-  std::string picture{}; ///< SVG: a section at the place; empty: none
+  std::string picture{}; ///< SVG: a section at the place, its top left free for a heading; empty: none
 };
 
 }  // namespace lightmill

@@ -22,6 +22,23 @@ std::vector<ProgramLine> program_lines(std::string_view program) {
   return lines;
 }
 
+void SentLines::add(const std::string& name, std::string_view program) {
+  programs_.push_back({name, {}});
+  for (const ProgramLine& line : program_lines(program)) {
+    if (line.text.front() != '$') programs_.back().numbers.push_back(line.number);
+  }
+}
+
+std::optional<SentLines::Place> SentLines::find(long count) const {
+  if (count <= 0) return std::nullopt;
+  for (const Program& program : programs_) {
+    const long lines = static_cast<long>(program.numbers.size());
+    if (count <= lines) return Place{program.name, program.numbers[static_cast<std::size_t>(count - 1)]};
+    count -= lines;
+  }
+  return std::nullopt;
+}
+
 namespace {
 
 /// Has the line, outside comments, an M word of one of these numbers?

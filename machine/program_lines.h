@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -16,6 +17,25 @@ struct ProgramLine {
 
 /// All lines but blank ones (a controller takes an empty line as the order to forget its last error).
 std::vector<ProgramLine> program_lines(std::string_view program);
+
+/// What a machine counts that is sent program after program: all lines but `$` commands.
+class SentLines {
+ public:
+  void add(const std::string& name, std::string_view program);
+  struct Place {
+    std::string program;
+    long line = 0;  ///< in the text, from 1
+  };
+  /// Nothing for counts of 0 and beyond the last line.
+  [[nodiscard]] std::optional<Place> find(long count) const;
+
+ private:
+  struct Program {
+    std::string name;
+    std::vector<long> numbers;
+  };
+  std::vector<Program> programs_;
+};
 
 /// Does its last line end the program (M2 or M30 outside comments; a closing % may follow)? One that does not was cut
 /// short on its way, its very last number perhaps with it, and would leave the machine with the spindle running.

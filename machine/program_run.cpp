@@ -193,7 +193,7 @@ class Runner {
                                std::string(1, letter) + " would pass its limit " + compact((value < least ? least : most) * unit, 3) +
                                    " " + name + " by " + compact(amount * unit, 3) + " " + name);
       fault.amount_mm = amount;
-      fault.picture = travel_picture(machine_, position(at_), position(step.target), fault.message);
+      fault.picture = travel_picture(machine_, position(at_), position(step.target));
       throw Stopped{};
     };
     const AxisValues& q = step.target;

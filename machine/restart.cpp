@@ -10,6 +10,7 @@
 #include "machine/detail/interpreter.h"
 #include "machine/detail/restart_parts.h"
 #include "machine/detail/sent_text.h"
+#include "machine/fault_words.h"
 #include "machine/kinematics.h"
 #include "machine/program_lines.h"
 #include "machine/streamer.h"
@@ -543,8 +544,12 @@ RestartTrial try_restart(const MachineModel& machine, const OperatorSetup& setup
   RestartTrial trial;
   SimulationResult result = simulated.result();
   trial.seconds = result.machine_seconds - seconds_before;
+  SentLines sent;
+  sent.add(kName, restart.text);
   for (Fault& fault : result.faults) {
-    if (fault.program == kName) trial.faults.push_back(std::move(fault));
+    if (fault.program != kName) continue;
+    locate(fault, sent);
+    trial.faults.push_back(std::move(fault));
   }
   trial.surface = simulated.machined();
   return trial;

@@ -48,6 +48,7 @@ constexpr double kMostChip = 3;
 constexpr double kChip_mm = 5e-3;
 /// Each such move is cut by itself; after so many of them it is known.
 constexpr long kMostFastMoves = 300;
+/// Of faults in all, and the first of every kind and part besides.
 constexpr std::size_t kMostPictures = 12;
 /// A fault that has got deeper by this factor is drawn again.
 constexpr double kDrawnAgain = 1.3;
@@ -63,11 +64,12 @@ struct StockModel::Impl {
 
   /// A fault with all the consecutive moves that repeat it.
   struct FaultRun {
-    std::string what;     ///< kind and part: what counts as the same fault
+    std::string what;     ///< kind and part
+    int tool = 0;         ///< what and tool: what counts as the same fault
     std::string message;  ///< without the count
-    long first_line = 0, last_line = 0;
     long last_move = 0;
     long moves = 0;
+    bool is_drawn = false;
     double drawn_mm = 0;  ///< depth in the picture
   };
 
@@ -187,48 +189,44 @@ void StockModel::Impl::report(const std::string& kind, const std::string& part, 
   std::size_t k = runs.size();
   // The latest run of this kind goes on if this is the same move, the next one, or on the next line.
   for (std::size_t back = runs.size(); back-- > 0;) {
-    if (runs[back].what != what) continue;
-    if (piece.number <= runs[back].last_move + 1 ||
-        (piece.move.line >= runs[back].last_line && piece.move.line <= runs[back].last_line + 1)) {
-      k = back;
-    }
+    if (runs[back].what != what || runs[back].tool != piece.tool) continue;
+    const long last_line = faults[back].last_line;
+    if (piece.number <= runs[back].last_move + 1 || (piece.move.line >= last_line && piece.move.line <= last_line + 1)) k = back;
     break;
   }
   if (k == runs.size()) {
-    runs.push_back({what, message, piece.move.line, piece.move.line, piece.number, 1});
+    const bool first_of_its_kind = std::none_of(runs.begin(), runs.end(), [&](const FaultRun& run) { return run.what == what; });
+    runs.push_back({what, piece.tool, message, piece.number, 1, k < kMostPictures || first_of_its_kind});
     Fault fault;
     fault.kind = kind;
-    fault.line = piece.move.line;
+    fault.line = fault.last_line = fault.worst_line = piece.move.line;
     fault.place_mm = place;
     fault.amount_mm = amount;
     faults.push_back(fault);
   } else {
     FaultRun& run = runs[k];
-    run.last_line = std::max(run.last_line, piece.move.line);
+    faults[k].last_line = std::max(faults[k].last_line, piece.move.line);
     if (piece.number != run.last_move) ++run.moves;
     run.last_move = piece.number;
     if (amount > faults[k].amount_mm) {
       run.message = message;
+      faults[k].worst_line = piece.move.line;
       faults[k].amount_mm = amount;
       faults[k].place_mm = place;
     }
   }
-  if (k < kMostPictures && faults[k].amount_mm > kDrawnAgain * runs[k].drawn_mm) {
+  if (runs[k].is_drawn && faults[k].amount_mm > kDrawnAgain * runs[k].drawn_mm) {
     runs[k].drawn_mm = faults[k].amount_mm;
     // The tool where it passes the place.
     const Vec3 way = piece.move.to.tip_mm - piece.move.from.tip_mm;
     const double share = way.squaredNorm() > 0 ? std::clamp((place - piece.move.from.tip_mm).dot(way) / way.squaredNorm(), 0.0, 1.0) : 1;
     const ToolPose pose = pose_at(piece.move, turn(piece.move.from, piece.move.to), share);
-    faults[k].picture = fault_picture(field, solid.get(), tools[piece.tool], pose, way, place,
-                                      obstacles, kind + (part.empty() ? "" : ", " + part) + ", line " + std::to_string(piece.move.line));
+    faults[k].picture = fault_picture(field, solid.get(), tools[piece.tool], pose, way, place, obstacles);
   }
   const FaultRun& run = runs[k];
   const Vec3& p = faults[k].place_mm;
   std::string text = run.message + " at X" + compact(p.x(), 3) + " Y" + compact(p.y(), 3) + " Z" + compact(p.z(), 3);
-  if (run.moves > 1) {
-    text += " (the worst of " + std::to_string(run.moves) + " moves, lines " + std::to_string(run.first_line) + " to " +
-            std::to_string(run.last_line) + ")";
-  }
+  if (run.moves > 1) text += " (the worst of " + std::to_string(run.moves) + " moves)";
   faults[k].message = text;
 }
 

@@ -14,11 +14,6 @@ constexpr double kWidth_mm = 40, kHeight_mm = 30;  ///< what is seen around the 
 constexpr double kPixelsPerMm = 14;
 constexpr int kColumns = 400;
 
-std::string words(double x, double y, const std::string& text) {
-  return "<text x=\"" + compact(x, 0) + "\" y=\"" + compact(y, 0) + "\" font-family=\"DejaVu Sans, Arial, sans-serif\" font-size=\"13\" fill=\"#1c2430\">" +
-         escaped(text) + "</text>\n";
-}
-
 std::string picture_of(double width, double height) {
   const std::string w = compact(width, 0), h = compact(height, 0);
   return "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 " + w + " " + h + "\" width=\"" + w + "\" height=\"" + h + "\">\n<rect width=\"" + w +
@@ -27,8 +22,13 @@ std::string picture_of(double width, double height) {
 
 }  // namespace
 
+std::string svg_words(double x, double y, const std::string& text, int size) {
+  return "<text x=\"" + compact(x, 0) + "\" y=\"" + compact(y, 0) + "\" font-family=\"DejaVu Sans, Arial, sans-serif\" font-size=\"" +
+         std::to_string(size) + "\" fill=\"#1c2430\">" + escaped(text) + "</text>\n";
+}
+
 std::string fault_picture(const StockField& field, const SolidStock* solid, const Tool& tool, const ToolPose& pose, const Vec3& motion_mm,
-                          const Vec3& place_mm, const std::vector<KeepOut>& obstacles, const std::string& title) {
+                          const Vec3& place_mm, const std::vector<KeepOut>& obstacles) {
   Vec2 along = pose.axis.head<2>();
   if (along.norm() < 1e-3) along = motion_mm.head<2>();
   along = along.norm() > 1e-9 ? along.normalized().eval() : Vec2(1, 0);
@@ -132,15 +132,14 @@ std::string fault_picture(const StockField& field, const SolidStock* solid, cons
   }
 
   svg += "<circle cx=\"" + x(0) + "\" cy=\"" + y(place_mm.z()) + "\" r=\"9\" fill=\"none\" stroke=\"#b3261e\" stroke-width=\"2.5\"/>\n";
-  svg += words(10, 20, title);
   const double low = kHeight_mm * kPixelsPerMm - 14;
   svg += "<line x1=\"10\" y1=\"" + compact(low, 0) + "\" x2=\"" + compact(10 + 5 * kPixelsPerMm, 0) + "\" y2=\"" + compact(low, 0) +
          "\" stroke=\"#1c2430\" stroke-width=\"3\"/>\n";
-  svg += words(10 + 5 * kPixelsPerMm + 8, low + 5, "5 mm");
+  svg += svg_words(10 + 5 * kPixelsPerMm + 8, low + 5, "5 mm");
   return svg + "</svg>\n";
 }
 
-std::string travel_picture(const MachineModel& machine, const JointPosition& at, const JointPosition& target, const std::string& title) {
+std::string travel_picture(const MachineModel& machine, const JointPosition& at, const JointPosition& target) {
   struct Bar {
     std::string letter, unit;
     double least, most, from, to;
@@ -162,9 +161,9 @@ std::string travel_picture(const MachineModel& machine, const JointPosition& at,
     rotary(machine.outer, at.outer_rad, target.outer_rad);
     rotary(machine.inner, at.inner_rad, target.inner_rad);
   }
-  constexpr double kBarLeft = 150, kBarWidth = 300, kBeside = 90, kRow = 46, kBarHeight = 16;
-  std::string svg = picture_of(kWidth_mm * kPixelsPerMm, 50 + kRow * static_cast<double>(bars.size())) + words(10, 20, title);
-  double top = 40;
+  constexpr double kBarLeft = 150, kBarWidth = 300, kBeside = 90, kRow = 46, kBarHeight = 16, kTop = 52;
+  std::string svg = picture_of(kWidth_mm * kPixelsPerMm, kTop + 10 + kRow * static_cast<double>(bars.size()));
+  double top = kTop;
   for (const Bar& bar : bars) {
     const double scale = kBarWidth / std::max(bar.most - bar.least, 1e-9);
     // What lies far outside is drawn at the picture's edge.
@@ -176,8 +175,8 @@ std::string travel_picture(const MachineModel& machine, const JointPosition& at,
     svg += "<rect x=\"" + compact(kBarLeft, 0) + "\" y=\"" + compact(top, 0) + "\" width=\"" + compact(kBarWidth, 0) + "\" height=\"" + compact(kBarHeight, 0) +
            "\" fill=\"#dde2e8\"/>\n<line x1=\"" + x(bar.from) + "\" y1=\"" + middle + "\" x2=\"" + x(bar.to) + "\" y2=\"" + middle + "\" stroke=\"" + colour +
            "\" stroke-width=\"4\"/>\n<circle cx=\"" + x(bar.to) + "\" cy=\"" + middle + "\" r=\"6\" fill=\"" + colour + "\"/>\n" +
-           words(10, top + 13, bar.letter + " to " + compact(bar.to, 2) + bar.unit) + words(kBarLeft, top + kBarHeight + 14, compact(bar.least, 1)) +
-           words(kBarLeft + kBarWidth - 30, top + kBarHeight + 14, compact(bar.most, 1));
+           svg_words(10, top + 13, bar.letter + " to " + compact(bar.to, 2) + bar.unit) + svg_words(kBarLeft, top + kBarHeight + 14, compact(bar.least, 1)) +
+           svg_words(kBarLeft + kBarWidth - 30, top + kBarHeight + 14, compact(bar.most, 1));
     top += kRow;
   }
   return svg + "</svg>\n";

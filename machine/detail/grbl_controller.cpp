@@ -419,7 +419,7 @@ class GrblController final : public Controller {
       if (const auto past = mill_.overtravel(step.target)) {
         Fault& fault = raise_alarm(2, "limit", past->message + " in '" + std::string(line_.text().substr(0, 80)) + "'");
         fault.amount_mm = past->amount;
-        fault.picture = travel_picture(mill_.machine(), mill_.joints(), to_position(step.target), past->message);
+        fault.picture = travel_picture(mill_.machine(), mill_.joints(), to_position(step.target));
         return;
       }
     }

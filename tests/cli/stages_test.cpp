@@ -409,14 +409,17 @@ TEST(Chain, TwoProcessesStreamToAMachineThatAnotherRuns) {
 
 TEST(Chain, AnyProgramCanBeDryRun) {
   const ScratchFolder scratch;
-  spill(scratch / "deep.nc", "G21 G90 G94 G17 G54\nG53 G0 Z0\nT1 M6\nG43.1 Z90\nS12000 M3\nG4 P9\nG0 X0 Y0\nG0 Z2\nG53 G0 Z0\nM5\nM30\n");
+  spill(scratch / "deep.nc", "(blank lines count where people read)\n\n\nG21 G90 G94 G17 G54\nG53 G0 Z0\nT1 M6\nG43.1 Z90\nS12000 M3\nG4 P9\nG0 X0 Y0\nG0 Z2\nG53 G0 Z0\nM5\nM30\n");
   const CommandResult crash = lightmill_command({"dry-run", (scratch / "deep.nc").string(), "--blank", "12x10x5", "-o", (scratch / "out").string()});
   EXPECT_EQ(crash.code, 5) << crash.err;
   const json faults = json::parse(slurp(scratch / "out/faults.json"))["faults"];
   ASSERT_FALSE(faults.empty());
   EXPECT_EQ(faults[0]["kind"], "rapid_in_stock");
   EXPECT_EQ(faults[0]["program"], "deep.nc");
-  EXPECT_EQ(faults[0]["line"], 8);
+  EXPECT_EQ(faults[0]["line"], 11);
+  EXPECT_THAT(crash.err, HasSubstr("rapid_in_stock in deep.nc, line 11: rapid with the cutter"));
+  EXPECT_THAT(slurp(scratch / "out" / faults[0]["picture"].get<std::string>()), HasSubstr("rapid_in_stock in deep.nc, line 11<"));
+  EXPECT_EQ(json::parse(slurp(scratch / "out/result.json"))["faults"][0]["line"], 11);
 
   // A file that lost its tail is told from a whole one.
   spill(scratch / "tail.nc", "G21 G90 G94 G17 G54\nG53 G0 Z0\nG53 G0 X1");

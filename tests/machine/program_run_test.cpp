@@ -2,10 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "design/core/errors.h"
 #include "postproc/program_check.h"
+#include "tests/postproc/programs.h"
 #include "tests/postproc/support.h"
 
 namespace lightmill {
@@ -143,6 +145,41 @@ TEST(RunPrograms, FaultsAreFoundInTheText) {
   EXPECT_EQ(lost.faults.front().program, "30_FINISH.H");
   EXPECT_EQ(kind(run(shop, rows(false), false, "TOOL CALL 3", "TOOL CALL 4")), "error") << "not in the table";
   EXPECT_EQ(kind(run(shop, rows(false), false, "L X-240", "L X-340")), "limit");
+}
+
+// A rapid down into the work, within a subprogram: the line is that of the text as an editor counts, blank lines and all.
+TEST(RunPrograms, AFaultInASubprogramNamesItsLineInEveryDialect) {
+  struct Dive {
+    std::string controller;
+    std::vector<std::string> call, before, after;  ///< the subprogram stands at the text's beginning or behind its end
+    std::string rapid;
+  };
+  const std::vector<Dive> dives = {
+      {"linuxcnc", {"o100 call"}, {"", "o100 sub", "G91", "G0 Z-27", "G90", "o100 endsub"}, {}, "G0 Z-27"},
+      {"fanuc", {"M98 P100"}, {}, {"O100", "G91", "G0 Z-27.", "G90", "M99"}, "G0 Z-27."},
+      {"siemens", {"DIVE"}, {}, {"", "PROC DIVE", "G91", "G0 Z-27", "G90", "RET"}, "G0 Z-27"},
+      {"heidenhain", {"0 CALL LBL 7"}, {}, {"0 LBL 7", "0 L IZ-27 FMAX", "0 LBL 0"}, "L IZ-27"},
+      {"heidenhain_iso", {"N0 G91 *", "N0 G00 Z-27 *", "N0 G90 *"}, {}, {}, "G00 Z-27"}};  // has no subprograms here
+  for (const Dive& dive : dives) {
+    const Shop shop = shop_for(dive.controller);
+    ProgramOptions options;
+    options.decimals = 4;
+    const Program program = write_program(shop.machine, shop.work, plan_motion(shop.machine, shop.work, rows(false)), options);
+    std::vector<std::string> lines = test::lines_of(program.text);
+    const auto line_with = [&](const std::string& what) {
+      return std::find_if(lines.begin(), lines.end(), [&](const std::string& line) { return line.find(what) != std::string::npos; });
+    };
+    lines.insert(line_with("M5"), dive.call.begin(), dive.call.end());
+    lines.insert(line_with("M30") + 1, dive.after.begin(), dive.after.end());
+    lines.insert(lines.begin() + 1, dive.before.begin(), dive.before.end());
+    const ProgramRun result = run_programs(shop.machine, reader_dialect(dive.controller), shop.setup,
+                                           {{"dive", test::renumbered(lines, dive.controller)}}, shop.stock);
+    ASSERT_FALSE(result.faults.empty()) << dive.controller;
+    const Fault& fault = result.faults.front();
+    EXPECT_EQ(fault.kind, "rapid_in_stock") << dive.controller << ": " << fault.message;
+    EXPECT_EQ(fault.program, "dive");
+    EXPECT_EQ(fault.line, line_with(dive.rapid) - lines.begin() + 1) << dive.controller;
+  }
 }
 
 }  // namespace
