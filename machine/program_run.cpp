@@ -9,6 +9,7 @@
 #include "machine/detail/fault_picture.h"
 #include "machine/detail/stock_worker.h"
 #include "machine/kinematics.h"
+#include "machine/program_lines.h"
 
 namespace lightmill {
 namespace {
@@ -16,9 +17,26 @@ namespace {
 constexpr double kLimitSlack = 1e-6;  // of a last decimal
 constexpr double kDegreesPerRad = 180 / kPi;
 constexpr long kStepsPerReport = 4096;
+/// A corner that may be rounded by more than this is no longer what was planned, roughing or not; in inches 0.01 is usual.
+constexpr double kMostRounding_mm = 0.5;
 
 // Thrown through the reader where the machine stops.
 struct Stopped {};
+
+/// The first line behind the closing % of a text that begins with one, which no control reads; 0: there is none.
+long line_behind_tape(std::string_view text) {
+  int marks = 0;
+  for (const ProgramLine& line : program_lines(text)) {
+    if (line.text == "%") {
+      ++marks;
+    } else if (marks == 0) {
+      return 0;
+    } else if (marks > 1) {
+      return line.number;
+    }
+  }
+  return 0;
+}
 
 JointPosition position(const AxisValues& q) {
   return {q[0], q[1], q[2], q[3], q[4]};
@@ -58,6 +76,8 @@ class Runner {
       } else if (!read.ended) {
         add_fault("no_program_end", static_cast<long>(lines),
                   "the program does not end itself; write or copy it again");
+      } else if (const long behind = line_behind_tape(program.text); behind > 0) {
+        add_fault("behind_end", behind, "the control reads nothing behind the closing %: two programs in one file? Run each by itself");
       }
       return !read.error && read.ended;
     } catch (const Stopped&) {
@@ -158,7 +178,13 @@ class Runner {
       told_no_tool_ = true;
       add_fault("no_tool", step.line, "a feed move without a tool in the spindle");
     }
-    motion.corner_tolerance_mm = step.corner_tolerance_mm;
+    const double rounding = step.corner_tolerance_mm;
+    if (!step.rapid && std::isfinite(rounding) && rounding > kMostRounding_mm && rounding != told_rounding_mm_) {
+      told_rounding_mm_ = rounding;
+      add_fault("tolerance", step.line, "corners may be rounded by " + compact(rounding, 3) + " mm; no more than " + compact(kMostRounding_mm, 3) +
+                                            " mm leave the part as planned").amount_mm = rounding;
+    }
+    motion.corner_tolerance_mm = rounding;
     motion.exact_stop = step.exact_stop;
     motion.stood_s = std::exchange(stood_s_, 0.0);
     commanded_s_ += motion.seconds;
@@ -218,6 +244,7 @@ class Runner {
   const Cutter* tool_ = nullptr;
   bool cutting_ = false, told_no_tool_ = false;
   double rpm_ = 0, at_speed_s_ = 0;
+  double told_rounding_mm_ = 0;
   double stood_s_ = 0;
   double commanded_s_ = 0;  ///< machine time without accelerations: no spindle is ever thought ready too early
   std::vector<SweptMove> pieces_;

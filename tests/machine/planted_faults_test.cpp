@@ -224,8 +224,8 @@ std::vector<Planted> planted() {
     std::string& line = w.lines[line_with(w, "G53", cut(w, 0))];
     line.replace(line.find("G53 "), 4, "");
   });
-  add("corners rounded by 2 mm (G64 P2)", replace("P0.002", "P2"), "the stock sees corners sharp; only the times know tolerances");
-  add("G64 lost", replace(" G64 P0.002", ""), "the stock sees corners sharp; only the times know tolerances");
+  add("corners rounded by 2 mm (G64 P2)", replace("P0.002", "P2"));
+  add("G64 lost", replace(" G64 P0.002", ""), "the control blends as it likes, which plain G64 asks for, too; the stock sees corners sharp");
   add("cutter compensation on", replace("G40", "G41 D3"));
   add("a cycle that is not known", replace("G80", "G88"));
   add("an unknown G code", replace("G80", "G187"));
@@ -256,14 +256,14 @@ std::vector<Planted> planted() {
   });
   add("cut off after a block", [](World& w) { w.lines.resize(cut(w, 3)); });
   add("cut off after the last cut", [](World& w) { w.lines.resize(line_with(w, "M5 M9")); });
-  add("M30 lost", drop("M30"), "the closing % ends a program, too");
+  add("M30 lost", drop("M30"), "the closing % ends a program, too; the spindle is off by then");
   add("M30 and % lost", [](World& w) { w.lines.resize(line_with(w, "M30")); });
   add("M30 in the middle", [](World& w) { w.lines.insert(w.lines.begin() + static_cast<long>(cut(w, 3)), "M30"); });
   add("empty", [](World& w) { w.lines.clear(); });
   add("twice in one file", [](World& w) {
     const auto once_more = w.lines;
     w.lines.insert(w.lines.end(), once_more.begin(), once_more.end());
-  }, "the control stops at the first end");
+  });
   add("a control character", [](World& w) { w.lines[cut(w, 2)].insert(1, 1, '\x01'); });
   add("a byte above 127", [](World& w) { w.lines[cut(w, 2)][2] = static_cast<char>(w.lines[cut(w, 2)][2] | 0x80); });
   add("a line of 300 characters", [](World& w) { w.lines[cut(w, 2)] += std::string(300, ' '); });
