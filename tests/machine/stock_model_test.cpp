@@ -788,6 +788,55 @@ TEST(StockModel, AToolThatLeansIntoTheTableIsCaughtWithItsNose) {
   }
 }
 
+// One part of the tool is wide and comes down 3 mm beside what stands there, 0.7 mm too low; all others pass it.
+TEST(StockModel, EveryPartOfTheToolIsCaughtInWhateverStandsInItsWay) {
+  const Vec3 up = Vec3::UnitZ();
+  constexpr double kTop_mm = 50, kDepth_mm = 0.7, kWide_mm = 6, kSlim_mm = 1;
+  const std::vector<std::string> parts = {"cutter", "shank", "holder", "spindle nose"};
+  const std::vector<double> heights_mm = {0, 5, 20, 30, 40};  // of the parts' ends above the tip
+  for (std::size_t part = 0; part < parts.size(); ++part) {
+    const auto radius = [&](std::size_t k) { return k == part ? kWide_mm : kSlim_mm; };
+    Cutter cutter = mill(2 * radius(0), 0);
+    cutter.flute_length_mm = heights_mm[1];
+    cutter.length_mm = heights_mm[3];
+    cutter.shank_diameter_mm = 2 * radius(1);
+    cutter.holder = {{heights_mm[2], heights_mm[3], radius(2), radius(2)}, {heights_mm[3], heights_mm[4], radius(3), radius(3)}};
+    for (const std::string obstacle : {"stock", "solid", "keep-out 1", "the table"}) {
+      const bool stock = obstacle == "stock" || obstacle == "solid";
+      Blank blank{{stock ? 20.0 : 4.0, 20}, stock ? kTop_mm : 5.0};
+      StockOptions options{0.25, 0};
+      const KeepOut box{{10, -5, -60}, {20, 5, kTop_mm}};
+      if (obstacle == "solid") options.solid_pitch_mm = 0.5;
+      if (obstacle == "keep-out 1") blank.keep_outs = {box};
+      if (obstacle == "the table") options.table = box;
+      StockModel model(blank, options);
+      model.set_cutter(cutter);
+      // The blank ends at x = 10, the box begins there.
+      const double x = stock ? 13 : 7;
+      const double tip = kTop_mm - kDepth_mm - heights_mm[part];
+      feed(model, {{{x, 0.1, 60}, up}, {{x, 0.1, 58}, up}}, 6);
+      // A cutter may cut, but not rapidly.
+      if (stock && part == 0) {
+        rapid(model, {{x, 0.1, 58}, up}, {{x, 0.1, tip}, up}, 7);
+      } else {
+        feed(model, {{{x, 0.1, 58}, up}, {{x, 0.1, tip}, up}}, 7);
+      }
+      model.flush();
+      const std::string what = parts[part] + " in " + obstacle;
+      ASSERT_EQ(model.faults().size(), 1U) << what;
+      const Fault& fault = model.faults()[0];
+      EXPECT_EQ(fault.kind, stock && part == 0 ? "rapid_in_stock" : "collision") << what;
+      EXPECT_EQ(fault.line, 7) << what;
+      EXPECT_NEAR(fault.amount_mm, kDepth_mm, 2e-3) << what;
+      EXPECT_NEAR(fault.place_mm.x(), 10, 3.01) << what;
+      EXPECT_NEAR(fault.place_mm.z(), kTop_mm, kDepth_mm + 2e-3) << what;
+      EXPECT_NE(fault.message.find("the " + parts[part]), std::string::npos) << fault.message;
+      if (!stock) EXPECT_NE(fault.message.find(obstacle), std::string::npos) << fault.message;
+      EXPECT_NE(fault.picture.find("<svg"), std::string::npos) << what;
+    }
+  }
+}
+
 TEST(StockModel, AFeedFarOverTheCuttersDataIsCaughtInTheCutOnly) {
   Cutter cutter = mill(4, 0);
   cutter.feed_per_tooth_mm = 0.05;
