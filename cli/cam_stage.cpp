@@ -200,8 +200,6 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     cam["rough"]["strategy"] = rough.way == RoughWay::kLayers ? "layers" : "levels";
     cam["rough"]["levels_minutes"] = rough.levels_minutes;
     cam["rough"]["layers_minutes"] = rough.layers_minutes;
-  } else {
-    cam["rough"]["strategy"] = "left out: the blank stands no higher over the lens than roughing would leave it";
   }
   cam["semi_finish"]["deepest_cut_mm"] = deepest_mm;
   cam["creases"] = creases_json(surface, reachable, job);
@@ -230,7 +228,8 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   cam["blank"] = {{"size_mm", {blank.size_mm.x(), blank.size_mm.y()}},
                   {"height_mm", blank.height_mm},
                   {"highest_mm", surface.highest()},
-                  {"lowest_mm", surface.lowest()}};
+                  {"lowest_mm", surface.lowest()},
+                  {"roughed", roughed}};
   cam["reachable"] = {{"unreachable_area_mm2", reachable.unreachable_area_mm2},
                       {"unreachable_share", reachable.unreachable_area_mm2 / outline.area_mm2()},
                       {"threshold_um", reachable.threshold_um},

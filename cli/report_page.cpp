@@ -211,6 +211,9 @@ std::string warnings_box(const Job& job, const json& report) {
   if (report.contains("/design/transport/converged"_json_pointer) && !report.at("/design/transport/converged"_json_pointer).get<bool>()) {
     item("The light transport did not reach its tolerance: " + report.at("/design/transport"_json_pointer).value("reason", ""));
   }
+  if (report.contains("/cam/blank/roughed"_json_pointer) && !report.at("/cam/blank/roughed"_json_pointer).get<bool>()) {
+    item("Nothing to rough: the blank stands no higher over the lens than roughing would leave it. That pass is left out.");
+  }
   if (report.contains("/cam/reachable/unreachable_area_mm2"_json_pointer) &&
       report.at("/cam/reachable/unreachable_area_mm2"_json_pointer).get<double>() > 0) {
     item("The finishing ball cannot reach " + number_at(report, "/cam/reachable/unreachable_area_mm2", 1) + " mm² (" +

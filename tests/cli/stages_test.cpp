@@ -330,6 +330,22 @@ TEST(Chain, ADryRunIsNoEcho) {
   EXPECT_THAT(slurp(run + "/report.html"), ::testing::Not(HasSubstr("found no fault")));
 }
 
+TEST(Chain, ABlankAsHighAsTheLensIsNotRoughed) {
+  const ScratchFolder scratch;
+  const std::string run = (scratch / "run").string();
+  const fs::path low = scratch / "low.toml";
+  spill(low, slurp(tiny_job(scratch)) + "\n[stock]\nheight_mm = 4.2\n");
+  const CommandResult made = lightmill_command({"make", low.string(), "-o", run});
+  ASSERT_EQ(made.code, 0) << made.err;
+  const json report = report_of(run);
+  EXPECT_FALSE(report.at("/cam/blank/roughed"_json_pointer).get<bool>());
+  EXPECT_FALSE(report.at("cam").contains("rough"));
+  EXPECT_FALSE(fs::exists(run + "/program/10_rough.nc"));
+  EXPECT_EQ(report.at("/dry_run/faults"_json_pointer).get<int>(), 0);
+  EXPECT_THAT(slurp(run + "/report.html"), HasSubstr("Nothing to rough"));
+  EXPECT_EQ(lightmill_command({"check", run}).code, 0);
+}
+
 TEST(Chain, KillingItAnywhereLeavesWholeFilesAndItResumes) {
   const ScratchFolder scratch;
   const fs::path job = tiny_job(scratch);
