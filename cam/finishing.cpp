@@ -3,12 +3,15 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iterator>
+#include <limits>
 #include <optional>
 #include <set>
 
 #include "cam/detail/ball_passes.h"
 #include "cam/detail/feeds.h"
+#include "cam/detail/grooves.h"
 #include "cam/detail/tool_axis.h"
 #include "cam/detail/tool_clearance.h"
 #include "cam/outline_region.h"
@@ -21,6 +24,7 @@ namespace lightmill {
 namespace {
 
 using detail::CentrePath;
+using detail::Grooves;
 using detail::PathPoint;
 using detail::TurnedBall;
 
@@ -39,6 +43,8 @@ constexpr double kArcLegMm = 0.1;
 constexpr double kBeyondMm = 1;
 constexpr double kBeyondInStockMm = kBeyondMm + kLandMm + 1;
 constexpr double kOutlinePitchMm = 0.05;
+constexpr double kRestsMm = 1e-6;  ///< above the rest by less: vertices of a pass are exact
+constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 constexpr double kMostTurnRad = 0.5 * kPi / 180;  ///< of the axis in one cutting move
 
 void check(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const FinishOptions& o) {
@@ -147,27 +153,37 @@ class Planner {
     spacing.from_y = reach.min.y();
     spacing.to_y = reach.max.y();
     spacing.tolerance = tolerance_;
+    spacing.landing_mm = on_surface().length_mm;
     detail::SpacedPasses passes;
     if (options_.strategy == Strategy::kSpiral) {
-      spacing.ends = [](double) { return std::pair(-1e9, 1e9); };  // pieces of it end where they may
+      spacing.ends = [](double) { return std::pair(-kUnbounded, kUnbounded); };  // pieces of it end where they may
       const double begin_y = within_ ? reach.min.y() : between_sides({reach.min.x(), 0}, {0, 1}).first;
       passes = detail::space_spiral(turned_, spacing, reach, begin_y, monitor.part(0, 0.85));
     } else {
       passes = detail::space_passes(turned_, spacing, monitor.part(0, 0.85));
     }
 
+    const std::size_t passes_end = passes.paths.size();
     for (const auto& line : options_.also_along) add_line(line, passes.paths);
+    // A spiral's pieces come after it.
+    const auto lifts = [](const CentrePath& p) { return !p.joined; };
+    const auto begin = passes.paths.begin();
+    const auto cut_end = options_.strategy == Strategy::kSpiral ? std::find_if(begin + 1, begin + passes_end, lifts) : begin + passes_end;
+    if (cut_end != passes.paths.end()) {
+      land_in(Grooves(centre_lines(begin, cut_end), over_lens()), passes.paths, cut_end - begin);
+    }
     ToolPath path = finished(std::move(passes.paths), passes.widest_mm, monitor);
     path.predicted_cusp_um = passes.highest_cusp_mm * 1e3;
     path.above_limit_mm2 = passes.above_limit_mm2;
     return path;
   }
 
-  ToolPath plan_along(const std::vector<std::vector<Vec2>>& lines, const Monitor& monitor) {
+  ToolPath plan_along(const std::vector<std::vector<Vec2>>& lines, const ToolPath& before, const Monitor& monitor) {
     if (options_.outline) within_.emplace(*options_.outline, kBeyondMm / 2);
     choose_axes();
     std::vector<CentrePath> paths;
     for (const auto& line : lines) add_line(line, paths);
+    land_in(Grooves(centre_lines(before), over_lens()), paths, 0);
     return finished(std::move(paths), detail::flat_stepover_mm(radius_, options_.cusp_um * 1e-3), monitor);
   }
 
@@ -175,6 +191,75 @@ class Planner {
   void add_line(const std::vector<Vec2>& line, std::vector<CentrePath>& paths) const {
     std::vector<CentrePath> legs = detail::centre_paths_along(ball_, line, tolerance_);
     std::move(legs.begin(), legs.end(), std::back_inserter(paths));
+  }
+
+  [[nodiscard]] std::function<bool(const Vec2&)> over_lens() const {
+    return [this](const Vec2& centre) {
+      const Vec2 touched = ball_.at(centre.x(), centre.y()).point;
+      return options_.outline ? options_.outline->contains(touched) : surface_.extent().contains(touched);
+    };
+  }
+
+  /// The ball's way over paths, from above.
+  using Paths = std::vector<CentrePath>::const_iterator;
+  [[nodiscard]] static std::vector<std::vector<Vec2>> centre_lines(Paths begin, Paths end) {
+    std::vector<std::vector<Vec2>> lines;
+    for (; begin != end; ++begin) {
+      if (!begin->joined) lines.emplace_back();
+      for (std::size_t k = begin->joined ? 1 : 0; k < begin->points.size(); ++k) lines.back().push_back(begin->turn.out({begin->points[k].x, begin->y}));
+    }
+    return lines;
+  }
+
+  /// Where this ball touches what a larger one has touched on its way. Where that went over to another flank the line breaks.
+  [[nodiscard]] std::vector<std::vector<Vec2>> centre_lines(const ToolPath& path) const {
+    const double radius = path.cutter.radius_mm();
+    const detail::BallContact large(surface_, radius, 2 * radius + kBesideMm + kLandInAirMm + 0.5);
+    std::vector<std::vector<Vec2>> lines(1);
+    Vec3 last_centre = Vec3::Zero();
+    for (const Move& move : path.moves) {
+      std::vector<Vec2>& line = lines.back();
+      const Vec3 centre = move.pose.tip_mm + radius * move.pose.axis;
+      const std::optional<detail::Contact> contact = move.kind == MoveKind::kCut ? std::optional(large.at(centre.x(), centre.y())) : std::nullopt;
+      const bool rests = contact && centre.z() - contact->z < kRestsMm;
+      const Vec2 here = rests ? Vec2(contact->point + ball_.radius_mm() / radius * (centre.head<2>() - contact->point)) : Vec2::Zero();
+      const bool goes_on = rests && (line.empty() || (here - line.back()).norm() < 1.5 * (centre - last_centre).norm());
+      if (!goes_on && !line.empty()) lines.emplace_back();
+      if (rests) lines.back().push_back(here);
+      last_centre = centre;
+    }
+    return lines;
+  }
+
+  /// Paths from number `first` on that begin or end over the lens come out of a groove and go back into one; where none is near, from
+  /// beside the lens.
+  void land_in(const Grooves& grooves, std::vector<CentrePath>& paths, std::size_t first) const {
+    const auto over = over_lens();
+    const double landing_mm = on_surface().length_mm;
+    const auto lands_on_lens = [&](const CentrePath& path, int sense) {
+      const std::vector<Vec2> line = straight_on(path, sense);
+      for (const double part : {0.0, 0.25, 0.5, 0.75, 1.0}) {
+        if (over(line[0] + part * (line[1] - line[0]))) return true;
+      }
+      return false;
+    };
+    const auto way_to = [&](const Vec2& place, const Vec2& along) {
+      std::vector<Vec2> way = grooves.way_to(place, along, landing_mm);
+      if (!way.empty()) return way;
+      Vec2 beside = place;
+      while (over(beside)) beside -= kLandMm * along;
+      return std::vector<Vec2>{beside - landing_mm * along, place};
+    };
+    for (std::size_t k = first; k < paths.size(); ++k) {
+      CentrePath& path = paths[k];
+      const Vec2& along = path.turn.along;
+      if (!path.joined && path.before.empty() && lands_on_lens(path, -1))
+        path.before = way_to(path.turn.out({path.points.front().x, path.y}), along);
+      const bool ends = k + 1 == paths.size() || !paths[k + 1].joined;
+      if (!ends || !path.after.empty() || !lands_on_lens(path, 1)) continue;
+      path.after = way_to(path.turn.out({path.points.back().x, path.y}), -along);
+      std::reverse(path.after.begin(), path.after.end());
+    }
   }
 
   ToolPath finished(std::vector<CentrePath> paths, double stepover_mm, const Monitor& monitor) {
@@ -208,7 +293,7 @@ class Planner {
   [[nodiscard]] std::pair<double, double> between_sides(const Vec2& place, const Vec2& along) const {
     const Vec2 p = turned_.turn().out(place);
     const Vec2 d = turned_.turn().out(along);
-    std::pair range(-std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity());
+    std::pair range(-kUnbounded, kUnbounded);
     for (int k = 0; k < 2; ++k) {
       if (std::abs(d[k]) < 1e-9) continue;
       const double a = (beside_.min[k] - p[k]) / d[k];
@@ -249,12 +334,21 @@ class Planner {
     // One pose in every cell that the way goes through; a flank passes nearer to the surface than a shank.
     const double cell = cutter_.taper_rad > 0 ? 0.25 : 2;
     std::set<std::pair<int, int>> seen;
+    std::optional<detail::ToolContact> contact;
+    const auto touches = [&](const Vec2& place, const auto& z) {
+      if (!seen.emplace(static_cast<int>(std::floor(place.x() / cell)), static_cast<int>(std::floor(place.y() / cell))).second) return false;
+      const Vec3 axis = axis_at(place);
+      contact = clearance.touches(cutter_, {Vec3(place.x(), place.y(), z()) - radius_ * axis, axis});
+      return contact.has_value();
+    };
     for (const CentrePath& path : paths) {
       for (const PathPoint& p : path.points) {
-        const Vec2 place = path.turn.out({p.x, path.y});
-        if (!seen.emplace(static_cast<int>(std::floor(place.x() / cell)), static_cast<int>(std::floor(place.y() / cell))).second) continue;
-        const Vec3 axis = axis_at(place);
-        if (auto contact = clearance.touches(cutter_, {Vec3(place.x(), place.y(), p.z) - radius_ * axis, axis})) return contact;
+        if (touches(path.turn.out({p.x, path.y}), [&] { return p.z; })) return contact;
+      }
+      for (const std::vector<Vec2>* way : {&path.before, &path.after}) {
+        for (const Vec2& p : *way) {
+          if (touches(p, [&] { return ball_.at(p.x(), p.y()).z; })) return contact;
+        }
       }
     }
     return std::nullopt;
@@ -286,31 +380,49 @@ class Planner {
   /// axis.
   [[nodiscard]] std::vector<Vertex> vertices(const std::vector<CentrePath>& paths, std::size_t k) const {
     const CentrePath& path = paths[k];
-    const TurnedBall turned(ball_, path.turn);
     std::vector<Vertex> result;
-    const double begin = path.points.front().x;
-    const double end = path.points.back().x;
     if (!path.joined) {
-      const Arc arc = arc_at(path.turn.out({begin, path.y}));
-      for (const PathPoint& p : detail::centre_path(turned, path.y, begin - arc.length_mm, begin, arc_tolerance_).points) {
-        if (p.x < begin) add(result, vertex(path, p, arc.lift(begin - p.x)));
-      }
+      const std::vector<Vertex> landing =
+          leaving(path.before.empty() ? straight_on(path, -1) : std::vector<Vec2>(path.before.rbegin(), path.before.rend()));
+      for (std::size_t m = landing.size() - 1; m > 0; --m) add(result, landing[m]);
     }
     for (const PathPoint& p : path.points) add(result, vertex(path, p, 0));
     if (k + 1 == paths.size() || !paths[k + 1].joined) {
-      const Arc arc = arc_at(path.turn.out({end, path.y}));
-      for (const PathPoint& p : detail::centre_path(turned, path.y, end, end + arc.length_mm, arc_tolerance_).points) {
-        if (p.x > end) add(result, vertex(path, p, arc.lift(p.x - end)));
-      }
+      const std::vector<Vertex> lifting = leaving(path.after.empty() ? straight_on(path, 1) : path.after);
+      for (std::size_t m = 1; m < lifting.size(); ++m) add(result, lifting[m]);
     }
     if (options_.strategy == Strategy::kZigZag && k % 2 == 1 && !path.joined && !(k + 1 < paths.size() && paths[k + 1].joined)) std::reverse(result.begin(), result.end());
     return result;
   }
 
+  /// From where a path begins (sense -1) or ends as far as an arc needs.
+  [[nodiscard]] std::vector<Vec2> straight_on(const CentrePath& path, int sense) const {
+    const Vec2 end((sense < 0 ? path.points.front() : path.points.back()).x, path.y);
+    const Vec2 place = path.turn.out(end);
+    return {place, path.turn.out(end + Vec2(sense * arc_at(place).length_mm, 0))};
+  }
+
+  /// Along a line away from a path, lifting on its last stretch.
+  [[nodiscard]] std::vector<Vertex> leaving(const std::vector<Vec2>& line) const {
+    const Arc arc = arc_at(line.front());
+    double lifts_in = -arc.length_mm;
+    for (std::size_t m = 1; m < line.size(); ++m) lifts_in += (line[m] - line[m - 1]).norm();
+    std::vector<Vertex> result;
+    for (const CentrePath& leg : detail::centre_paths_along(ball_, line, arc_tolerance_)) {
+      const double begin = leg.points.front().x;
+      for (const PathPoint& p : leg.points) {
+        if (p.x > begin || result.empty()) result.push_back(vertex(leg, p, arc.lift(std::max(0.0, p.x - begin - lifts_in))));
+      }
+      lifts_in -= leg.points.back().x - begin;
+    }
+    return result;
+  }
+
   [[nodiscard]] Arc arc_at(const Vec2& place) const {
     if (in_air(place)) return {kLandInAirMm, kLandInAirRadiusMm};
-    return {options_.allowance_mm > 0 ? kLandInStockMm : kLandMm, kLandRadiusMm};
+    return on_surface();
   }
+  [[nodiscard]] Arc on_surface() const { return {options_.allowance_mm > 0 ? kLandInStockMm : kLandMm, kLandRadiusMm}; }
 
   void add(std::vector<Vertex>& list, const Vertex& next) const {
     if (lead_ && !list.empty()) {
@@ -331,7 +443,7 @@ class Planner {
   /// Highest place of the ball's centre at rest on the straight way between two places.
   [[nodiscard]] double highest_between(const Vec2& from, const Vec2& to) const {
     constexpr double kEveryMm = 0.5;
-    double highest = -std::numeric_limits<double>::infinity();
+    double highest = -kUnbounded;
     const int steps = std::max(1, static_cast<int>(std::ceil((to - from).norm() / kEveryMm)));
     for (int k = 0; k <= steps; ++k) {
       const Vec2 p = from + (to - from) * (static_cast<double>(k) / steps);
@@ -425,10 +537,10 @@ ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const 
 }
 
 ToolPath plan_along(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const std::vector<std::vector<Vec2>>& lines,
-                    const FinishOptions& options, const Monitor& monitor) {
+                    const ToolPath& before, const FinishOptions& options, const Monitor& monitor) {
   check(surface, blank, ball, options);
   if (std::none_of(lines.begin(), lines.end(), [](const auto& line) { return line.size() > 1; })) throw InputError(options.pass + ": no line to follow");
-  return Planner(surface, blank, ball, options).plan_along(lines, monitor);
+  return Planner(surface, blank, ball, options).plan_along(lines, before, monitor);
 }
 
 ContactSummary contact_summary(const SplineSurface& surface, const ToolPath& path, const FinishOptions& options) {

@@ -51,14 +51,15 @@ struct FinishOptions {
 
 /// Passes along one direction (climb milling) from right to left, each entered and left beside the part in air,
 /// tangentially, zig-zag or a spiral; their spacing changes slowly, so that no line shows in the light; where a short stretch alone asks for much closer
-/// passes it gets pieces of its own, landed on and left along a gentle curve. Throws InputError when no fixed tilt
+/// passes it gets pieces of its own. What begins or ends within the lens lands in a groove that is cut already. Throws InputError when no fixed tilt
 /// keeps the contact off the ball's centre and the shank off the part, naming the slopes.
 ToolPath plan_finishing(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
                         const FinishOptions& options, const Monitor& monitor = {});
 
-/// Only along these lines, one after the other, each landed on and left along its own direction.
+/// Only along these lines, one after the other, each reached out of a groove that the path `before` has cut, and left into one, so
+/// that the ball takes off nothing where it comes down within the lens.
 ToolPath plan_along(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const std::vector<std::vector<Vec2>>& lines,
-                    const FinishOptions& options, const Monitor& monitor = {});
+                    const ToolPath& before, const FinishOptions& options, const Monitor& monitor = {});
 
 /// How the ball meets the surface in a planned pass.
 struct ContactSummary {

@@ -157,7 +157,7 @@ std::vector<Vec2> line_to_follow(const Crease& crease) {
 }
 
 RestPlan plan_rest(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const std::vector<Crease>& creases,
-                   const ReachableSurface& reachable, const FinishOptions& options, const Monitor& monitor) {
+                   const ReachableSurface& reachable, const ToolPath& finish, const FinishOptions& options, const Monitor& monitor) {
   RestPlan plan;
   const double cusp_mm = options.cusp_um * 1e-3;
   std::vector<std::vector<Vec2>> lines;
@@ -170,7 +170,7 @@ RestPlan plan_rest(const SplineSurface& surface, const Blank& blank, const Cutte
   plan.ways = lines.size();
   plan.path.pass = options.pass;
   plan.path.cutter = ball;
-  if (!lines.empty()) plan.path = plan_along(surface, blank, ball, lines, options, monitor.part(0, 0.9));
+  if (!lines.empty()) plan.path = plan_along(surface, blank, ball, lines, finish, options, monitor.part(0, 0.9));
 
   monitor.report("what the rest pass leaves", 0.9);
   Grid<float> left = reachable.residue_um;

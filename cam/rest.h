@@ -15,10 +15,10 @@ struct RestPlan {
 };
 
 /// Ways along every crease beside each other, as wide as what `reachable` (of the finishing ball) says is not reached, one
-/// stepover of the small ball apart. What they leave is predicted by the balls' undersides at the nodes of `reachable`.
+/// stepover of the small ball apart. They come out of the grooves of `finish`, and go back into them. What they leave is predicted by the balls' undersides at the nodes of `reachable`.
 /// Throws InputError as plan_finishing() does.
 RestPlan plan_rest(const SplineSurface& surface, const Blank& blank, const Cutter& ball, const std::vector<Crease>& creases,
-                   const ReachableSurface& reachable, const FinishOptions& options, const Monitor& monitor = {});
+                   const ReachableSurface& reachable, const ToolPath& finish, const FinishOptions& options, const Monitor& monitor = {});
 
 /// A crease's line without the steps of the grid it was found on, in legs of about 0.3 mm: where a ball can follow it.
 std::vector<Vec2> line_to_follow(const Crease& crease);

@@ -136,7 +136,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     rest_options.outline = finish.outline;
     rest_options.standing = after_pass(*finish.standing, passes.back());
     constexpr double kShortestMm = 0;  // a crease may be out of reach in spots
-    rest = plan_rest(surface, blank, job.rest->cutter, concave_creases(surface, reachable, kShortestMm), reachable, rest_options, monitor.part(0.9, 0.93));
+    rest = plan_rest(surface, blank, job.rest->cutter, concave_creases(surface, reachable, kShortestMm), reachable, passes.back(), rest_options, monitor.part(0.9, 0.93));
     if (rest->ways > 0) passes.push_back(std::move(rest->path));
   }
   if (cut_out) {

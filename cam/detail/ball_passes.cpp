@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "cam/detail/grooves.h"
 #include "design/core/parallel.h"
 
 namespace lightmill::detail {
@@ -23,10 +24,10 @@ constexpr double kAim = 0.995;         ///< of the cusp, for passes not yet plac
 constexpr double kSmoothMm = 3;        ///< to either side: spacing goes from one value to another over twice this
 constexpr double kSmoothLoss = 0.003;  ///< share of the spacing that smoothness may cost everywhere
 constexpr int kMostRounds = 4;         ///< of placing passes
-constexpr double kInfillSaves = 0.3;   ///< share of the path that infill must save, for its borders show in the light
+constexpr double kInfillSaves = 0.25;   ///< share of the path that infill must save, for its borders show in the light
 constexpr double kInfillLeastOfFlat = 1.0 / 16;
 constexpr double kInfillGrowMm = 0.6;  ///< an infill piece starts before and ends after the stretch that asks for it
-constexpr double kInfillMergeMm = 4;   ///< pieces nearer than this become one
+constexpr double kInfillMergeMm = 12;  ///< pieces nearer than this become one: two ways out of the groove and back are longer
 
 /// Squared distance in the plane of a path from (x, z) to the segment between two vertices.
 double squared_distance(const PathPoint& a, const PathPoint& b, double x, double z) {
@@ -194,7 +195,7 @@ class Spacer {
     here.wish_mm = std::max(cheapest(stations, taken, kAim * options_.cusp_mm), kLeastOfFlat * flat_);
     if (!with_infill) return here;
     here.content = cheapest(stations, taken, options_.cusp_mm) >= taken || taken <= kLeastOfFlat * flat_ * 1.0001;
-    settle(a, b, stations, here.pieces.paths, here.pieces);
+    settle(a, b, a, stations, here.pieces.paths, here.pieces);
     std::stable_sort(here.pieces.paths.begin(), here.pieces.paths.end(), [](const CentrePath& p, const CentrePath& q) {
       return p.y != q.y ? p.y < q.y : p.points.front().x < q.points.front().x;
     });
@@ -457,7 +458,7 @@ class Spacer {
         if (wishes[k].spacing >= s) continue;
         const double x = stations[k].x;
         if (x > last_end + kInfillMergeMm)
-          extra += 2 * kInfillGrowMm + 6;
+          extra += 2 * (kInfillGrowMm + kGoOverMm) + 6;
         else
           extra += std::max(0.0, x - last_end - wishes[k].length);
         last_end = std::max(last_end, x);
@@ -472,8 +473,9 @@ class Spacer {
     return best_spacing;
   }
 
-  /// Infill between two neighbours until every reachable place is within the limit or the pieces lie too close.
-  void settle(const CentrePath& a, const CentrePath& b, const std::vector<Station>& stations,
+  /// Infill between two neighbours until every reachable place is within the limit or the pieces lie too close. `groove` is the
+  /// pass before, which is cut by then.
+  void settle(const CentrePath& a, const CentrePath& b, const CentrePath& groove, const std::vector<Station>& stations,
               std::vector<CentrePath>& pieces, SpacedPasses& result) const {
     const double spacing = b.y - a.y;
     const bool may_divide = spacing / 2 >= kInfillLeastOfFlat * flat_;
@@ -490,20 +492,43 @@ class Spacer {
       for (std::size_t m = k + 1; m < stations.size() && stations[m].x - stations[last].x < kInfillMergeMm; ++m) {
         if (stations[m].cusp > options_.cusp_mm) last = m;
       }
-      const double from = stations[k].x - kInfillGrowMm;
-      const double to = stations[last].x + kInfillGrowMm;
-      const double y = (a.y + b.y) / 2;
-      const auto [from_x, to_x] = options_.ends(y);
-      CentrePath piece = centre_path(ball_, y, std::max(from, from_x), std::min(to, to_x), options_.tolerance);
-      piece.infill = true;
-      ++result.infill_pieces;
       const double inner_from = stations[k].x;
       const double inner_to = stations[last].x;
-      settle(a, piece, leftover(a, piece, inner_from, inner_to), pieces, result);
-      settle(piece, b, leftover(piece, b, inner_from, inner_to), pieces, result);
+      CentrePath piece = infill(groove, (a.y + b.y) / 2, inner_from - kInfillGrowMm, inner_to + kInfillGrowMm);
+      ++result.infill_pieces;
+      settle(a, piece, groove, leftover(a, piece, inner_from, inner_to), pieces, result);
+      settle(piece, b, groove, leftover(piece, b, inner_from, inner_to), pieces, result);
       pieces.push_back(std::move(piece));
       k = last + 1;
     }
+  }
+
+  /// A piece at `y`, out of a groove and back into it; where that has no room it runs out to where passes end.
+  [[nodiscard]] CentrePath infill(const CentrePath& groove, double y, double from_x, double to_x) const {
+    const double room = kGoOverMm + options_.landing_mm;
+    const auto [first_x, last_x] = options_.ends(y);
+    // Spirals' sides end in corners, which are drawn out.
+    const double beside = std::isfinite(first_x) ? 0 : kMostOfFlat * flat_;
+    const bool comes_over = from_x - room >= std::max(first_x, groove.points.front().x + beside);
+    const bool goes_back = to_x + room <= std::min(last_x, groove.points.back().x - beside);
+    if (!comes_over && std::isfinite(first_x)) from_x = first_x;
+    if (!goes_back && std::isfinite(last_x)) to_x = last_x;
+    CentrePath piece = centre_path(ball_, y, from_x, to_x, options_.tolerance);
+    if (comes_over) {
+      piece.before = over({from_x - kGoOverMm, groove.y}, {from_x, y});
+      piece.before.insert(piece.before.begin(), ball_.turn().out({from_x - room, groove.y}));
+    }
+    if (goes_back) {
+      piece.after = over({to_x, y}, {to_x + kGoOverMm, groove.y});
+      piece.after.push_back(ball_.turn().out({to_x + room, groove.y}));
+    }
+    return piece;
+  }
+
+  /// An S from one place to another, along X at both.
+  [[nodiscard]] std::vector<Vec2> over(const Vec2& from, const Vec2& to) const {
+    const Turn& turn = ball_.turn();
+    return bend(turn.out(from), turn.along, turn.out(to), turn.along, to.x() - from.x());
   }
 
   TurnedBall ball_;
@@ -632,8 +657,30 @@ class SpiralSpacer {
       drawn.push_back(line[k] + kBeside * spacing[k] * out);
     }
     drawn.push_back(line.back());
+    std::vector<Vec2> after = line.size() > 4 ? around_again(drawn, 3 * (line.size() - 4), spacing.back()) : std::vector<Vec2>();
     for (Vec2& p : drawn) p = ball_.turn().out(p);
-    return centre_paths_along(ball_.ball(), drawn, options_.tolerance);
+    for (Vec2& p : after) p = ball_.turn().out(p);
+    std::vector<CentrePath> paths = centre_paths_along(ball_.ball(), drawn, options_.tolerance);
+    paths.back().after = std::move(after);
+    return paths;
+  }
+
+  /// From the end of a line back into the groove of its last turn, which lies beside it after vertex `turn`, and in it round
+  /// and round until the ball has lifted.
+  [[nodiscard]] std::vector<Vec2> around_again(const std::vector<Vec2>& line, std::size_t turn, double spacing) const {
+    const auto along = [&](std::size_t k) { return Vec2((line[k + 1] - line[k]).normalized()); };
+    constexpr int kLegs = 12;
+    const std::vector<Vec2> back = bend(line.back(), along(line.size() - 2), line[turn], along(turn), 2 * spacing, kLegs);
+    std::vector<Vec2> result = {line.back()};
+    for (double lifting = 0; lifting < options_.landing_mm;) {
+      if (result.size() > 1) lifting += 2 * spacing;
+      result.insert(result.end(), back.begin() + 1, back.end());
+      for (std::size_t k = turn + 1; k < line.size(); ++k) {
+        lifting += (line[k] - line[k - 1]).norm();
+        result.push_back(line[k]);
+      }
+    }
+    return result;
   }
 
   TurnedBall ball_;

@@ -22,9 +22,11 @@ struct PathPoint {
 struct CentrePath {
   Turn turn;
   double y = 0;
-  bool infill = false;  ///< a piece between two passes: it lands on and leaves the surface
   bool joined = false;  ///< begins where the path before ends
   std::vector<PathPoint> points;
+  /// How the ball gets there and away within the lens, in the workpiece's axes: it comes down in a groove that is cut already, where
+  /// it takes off nothing, and goes over to the path; and so back. Empty: straight on.
+  std::vector<Vec2> before, after;
 };
 
 struct PathTolerance {
@@ -47,6 +49,7 @@ struct SpacingOptions {
   std::function<std::pair<double, double>(double y)> ends;  ///< x where a full pass begins and ends
   const OutlineRegion* wanted = nullptr;                     ///< where cusps matter; null: the surface's rectangle
   double from_y = 0, to_y = 0;   ///< of the first and the last pass, which lie up to half a spacing beyond
+  double landing_mm = 2;         ///< on which infill comes down in the groove of the pass before, and lifts
   PathTolerance tolerance;
 };
 
@@ -60,7 +63,7 @@ struct SpacedPasses {
 
 /// Passes as far from each other as the cusp allows, at a spacing that changes slowly with y: neighbouring cusps that
 /// differ would leave lines in the light. Where a short stretch asks for much closer passes than all else (a crease) it
-/// gets infill pieces instead. The cusp at a surface point is its distance to the nearest of the two polylines less R.
+/// gets infill pieces instead, which begin and end in the groove of the pass before, or run out to where passes end. The cusp at a surface point is its distance to the nearest of the two polylines less R.
 /// Points that no ball can reach (closing above the surface by 0.1 um) ask for nothing.
 SpacedPasses space_passes(const TurnedBall& ball, const SpacingOptions& options, const Monitor& monitor);
 

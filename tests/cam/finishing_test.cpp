@@ -553,6 +553,34 @@ INSTANTIATE_TEST_SUITE_P(Strategies, Entries,
                                            EntryCase{"spiral", Strategy::kSpiral, 0, 0}),
                          [](const auto& test) { return std::string(test.param.name); });
 
+TEST(Landing, OfInfillTakesOffNothing) {
+  // A valley too short to reach the border asks for pieces between passes; the next pass is not cut yet where they land.
+  const Vec2 size(28, 4);
+  const auto s = spline_of(Box2::centred(size), 280, 40, [](double x, double y) {
+    return 12 + 0.05 * y + 0.25 * std::hypot(y - 0.15 * x, 0.05) * std::exp(-std::pow((x + 1) / 1.2, 4));
+  });
+  for (const Strategy strategy : {Strategy::kOneWay, Strategy::kZigZag, Strategy::kSpiral}) {
+    FinishOptions options;
+    options.strategy = strategy;
+    const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), options);
+    const test::LandingCut cut = test::landing_cut(s, path, 0.05, [&](const Vec2& p) { return s.extent().contains(p); });
+    EXPECT_GT(cut.arcs, 2) << "nothing to look at";
+    EXPECT_LE(cut.most_mm, test::kLandingCutMm) << "at " << cut.where.transpose();
+  }
+}
+
+TEST(Landing, ASpiralEndsInItsOwnGroove) {
+  for (const Vec2& size : {Vec2(6, 4.5), Vec2(5, 5), Vec2(4.5, 6)}) {
+    const auto s = hilly(63, size);
+    FinishOptions options;
+    options.strategy = Strategy::kSpiral;
+    const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), options);
+    const test::LandingCut cut = test::landing_cut(s, path, 0.05, [&](const Vec2& p) { return s.extent().contains(p); });
+    EXPECT_EQ(cut.arcs, 1);
+    EXPECT_LE(cut.most_mm, test::kLandingCutMm) << "at " << cut.where.transpose();
+  }
+}
+
 TEST(Climb, OneWayPassesMeetTheEdgeThatComesTowardsThem) {
   const auto s = hilly(62, {9, 7});
   struct Way {

@@ -23,8 +23,10 @@ SplineSurface valley() {
 }
 
 RestPlan plan(const SplineSurface& s, const FinishOptions& options) {
+  const Blank blank{kSize, s.highest() + 0.4};
   const ReachableSurface reachable = reachable_surface(s, kLarge, 0.05);
-  return plan_rest(s, {kSize, s.highest() + 0.4}, test::cutter("rest_1mm_ball"), concave_creases(s, reachable), reachable, options);
+  const ToolPath finish = plan_finishing(s, blank, test::cutter("finish_4mm_ball"), {});
+  return plan_rest(s, blank, test::cutter("rest_1mm_ball"), concave_creases(s, reachable), reachable, finish, options);
 }
 
 FinishOptions rest_options() {
@@ -77,6 +79,31 @@ TEST(Rest, LandsAndLeavesAlongTheCreaseAboveTheSurface) {
     EXPECT_GT(c.z(), ball_centre_height(s, kSmall, c.x(), c.y()) + 0.4) << "down to the surface at link feed";
   }
   EXPECT_EQ(landings, static_cast<int>(rest.ways));
+}
+
+TEST(Rest, InsideTheLensItLandsWhereFinishingHasLeftNothing) {
+  // A valley that ends within the lens.
+  const Vec2 size(16, 6);
+  const auto s = spline_of(Box2::centred(size), 160, 60, [](double x, double y) {
+    return 12 + 0.02 * x + 0.25 * std::hypot(y - 0.4 * x, 0.05) * std::exp(-std::pow(std::hypot(x, y) / 2, 6));
+  });
+  const Blank blank{size, s.highest() + 0.4};
+  const ToolPath finish = plan_finishing(s, blank, test::cutter("finish_4mm_ball"), {});
+  const ReachableSurface reachable = reachable_surface(s, kLarge, 0.1);
+  const std::vector<Crease> creases = concave_creases(s, reachable);
+  FinishOptions options = rest_options();
+  options.cusp_um = 4;
+  const RestPlan rest = plan_rest(s, blank, test::cutter("rest_1mm_ball"), creases, reachable, finish, options);
+  const auto counts = [&](const Vec2& p) { return s.extent().contains(p); };
+  const test::LandingCut cut = test::landing_cut(s, rest.path, 0.05, counts, finish);
+  EXPECT_GT(cut.arcs, 4);
+  EXPECT_LE(cut.most_mm, test::kLandingCutMm) << "at " << cut.where.transpose();
+
+  // And so does the finishing ball that goes along the crease once more.
+  for (const Crease& crease : creases) options.also_along.push_back(line_to_follow(crease));
+  const test::LandingCut again = test::landing_cut(s, plan_finishing(s, blank, test::cutter("finish_4mm_ball"), options), 0.05, counts);
+  EXPECT_GT(again.arcs, 1);
+  EXPECT_LE(again.most_mm, test::kLandingCutMm) << "at " << again.where.transpose();
 }
 
 TEST(Rest, WithoutACreaseThereIsNothingToDo) {

@@ -155,7 +155,7 @@ TEST(Spiral, GoesFromTheOutsideInWithoutALift) {
   EXPECT_LT(area, -12 * size.prod());
 }
 
-TEST(Spiral, OverACreaseAddsPiecesWhereItsTurnsAreTooFarApart) {
+TEST(Spiral, OverACreaseLeavesNoCuspWhereTheBallReaches) {
   const Vec2 size(6, 5);
   const SplineSurface s = spline_of(Box2::centred(size), 60, 50, [](double x, double y) { return 12 + 0.2 * std::abs(0.9 * x + 0.43 * y - 0.6); });
   FinishOptions options;
