@@ -131,7 +131,7 @@ class Planner {
   }
 
   ToolPath plan(const Monitor& monitor) {
-    if (options_.outline) within_.emplace(*options_.outline, kBeyondMm / 2);
+    if (options_.outline) within_.emplace(*options_.outline, detail::kJudgedBeyondMm);
     // Whether an axis exists is known at once; the passes do not depend on it.
     choose_axes();
     detail::SpacingOptions spacing;
@@ -179,7 +179,7 @@ class Planner {
   }
 
   ToolPath plan_along(const std::vector<std::vector<Vec2>>& lines, const ToolPath& before, const Monitor& monitor) {
-    if (options_.outline) within_.emplace(*options_.outline, kBeyondMm / 2);
+    if (options_.outline) within_.emplace(*options_.outline, detail::kJudgedBeyondMm);
     choose_axes();
     std::vector<CentrePath> paths;
     for (const auto& line : lines) add_line(line, paths);
@@ -282,10 +282,10 @@ class Planner {
     if (options_.axis == AxisPolicy::kVertical) {
       leans_ = {{0, 0, 0, 0}};
     } else if (options_.axis == AxisPolicy::kFixed) {
-      leans_ = detail::fixed_tilts(surface_, options_.tilt_rad, options_.angle_rad + options_.tilt_direction_rad, within());
+      leans_ = detail::fixed_tilts(surface_, options_.tilt_rad, options_.angle_rad + options_.tilt_direction_rad, within(), options_.pass);
     } else {
       lead_.emplace(surface_, turned_.turn().along);
-      leans_ = lead_->leans(options_.tilt_rad, options_.tilt_direction_rad, within());
+      leans_ = lead_->leans(options_.tilt_rad, options_.tilt_direction_rad, within(), options_.pass);
     }
   }
 

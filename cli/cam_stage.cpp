@@ -8,8 +8,10 @@
 #include "cam/rest.h"
 #include "cam/roughing.h"
 #include "cam/solid.h"
+#include "cli/cam_inputs.h"
 #include "cli/crease_report.h"
 #include "cli/job_light.h"
+#include "cli/machinability_report.h"
 #include "cli/pictures.h"
 #include "cli/spline_file.h"
 #include "cli/stage_runs.h"
@@ -24,27 +26,6 @@ namespace lightmill {
 using nlohmann::json;
 
 namespace {
-
-/// The blank: the part and its margin; as high as given, or as the highest point of the lens and the allowance ask for, up
-/// to the next 0.1 mm.
-Blank blank_of(const Job& job, const SplineSurface& surface) {
-  Blank blank;
-  blank.keep_outs = keep_outs_of(job);
-  blank.size_mm = blank_size_mm(job);
-  const double highest = surface.highest();
-  const auto tenths_up = [](double mm) { return std::ceil(mm * 10 - 1e-6) / 10; };
-  if (!job.stock.height_mm) {
-    blank.height_mm = tenths_up(highest + job.stock.allowance_mm);
-    return blank;
-  }
-  blank.height_mm = *job.stock.height_mm;
-  if (highest > blank.height_mm) {
-    throw InputError("the relief is too tall for the blank: the lens is " + fixed(highest, 2) + " mm high, stock.height_mm = " +
-                     compact(blank.height_mm, 3) + " is " + fixed(highest - blank.height_mm, 2) + " mm too low; take a blank of at least " +
-                     fixed(tenths_up(highest), 1) + " mm, move the receiver farther away, or make the lens thinner (lens.thickness_mm)");
-  }
-  return blank;
-}
 
 json to_json(const ToolPath& path, double rapid_mm_per_s) {
   double cut_mm = 0, cut_s = 0, slowest = std::numeric_limits<double>::infinity(), fastest = 0;
@@ -91,11 +72,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   if (outline.shape != Outline::Shape::kRectangle || job.land.width_mm > 0) solid_options.outline = outline;
   solid_options.land_mm = job.land.width_mm;
   solid_options.mount = job.mount;
-  if (job.land.width_mm > 0) {
-    double lowest = std::numeric_limits<double>::infinity();
-    for (const Vec2& p : outline_places(outline, 0.1)) lowest = std::min(lowest, surface.height(p.x(), p.y()));
-    solid_options.land_z_mm = lowest - job.land.drop_mm;
-  }
+  if (job.land.width_mm > 0) solid_options.land_z_mm = land_z_mm(job, surface, outline);
   const SolidSummary solid = write_lens_step(folder.file("cam/lens.step"), surface, solid_options, monitor.part(0.1, 0.3));
   write_blank_step(folder.file("cam/stock.step"), blank);
   if (job.mesh_tolerance_mm > 0) {
@@ -106,11 +83,8 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   // A rectangle as large as its blank is finished from beside it to beside it.
   FinishOptions semi_finish = job.semi_finish.options;
   FinishOptions finish = job.finish.options;
-  if (solid_options.outline || (blank.size_mm - job.lens.size_mm).maxCoeff() > 0) semi_finish.outline = finish.outline = outline;
-  // Half a finishing stepover sees every fillet that matters; a tenth of a mm bounds the work.
-  const double pitch = std::clamp(extent.size().maxCoeff() / 1000, 0.05, 0.1);
-  const ReachableSurface reachable =
-      within(reachable_surface(surface, job.finish.cutter.radius_mm(), pitch, monitor.part(0.3, 0.38)), outline);
+  semi_finish.outline = finish.outline = finishing_border(job, outline);
+  const ReachableSurface reachable = reachable_by_finishing(job, surface, outline, monitor.part(0.3, 0.38));
   if (job.finish.along_creases) {
     for (const Crease& crease : concave_creases(surface, reachable)) finish.also_along.push_back(line_to_follow(crease));
   }
@@ -140,10 +114,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     if (rest->ways > 0) passes.push_back(std::move(rest->path));
   }
   if (cut_out) {
-    ProfileOptions profile = job.profile.options;
-    profile.land_mm = job.land.width_mm;
-    profile.land_z_mm = solid_options.land_z_mm;
-    passes.push_back(plan_profile(surface, blank, outline, job.rough.cutter, profile, monitor.part(0.93, 0.95)));
+    passes.push_back(plan_profile(surface, blank, outline, job.rough.cutter, profile_options(job, surface, outline), monitor.part(0.93, 0.95)));
   }
   write_toolpaths(folder.file("cam/toolpaths.bin"), passes);
 
@@ -204,6 +175,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   cam["semi_finish"]["deepest_cut_mm"] = deepest_mm;
   cam["creases"] = creases_json(surface, reachable, job);
   if (rest) {
+  cam["machinability"] = machinability_json(job, surface, outline, reachable);
     cam["creases"]["rest"] = {{"ways", rest->ways},
                               {"ball_radius_mm", job.rest->cutter.radius_mm()},
                               {"highest_before_um", rest->highest_before_um},

@@ -4,8 +4,8 @@
 #include <optional>
 
 #include "cam/finishing.h"
-#include "cli/crease_report.h"
 #include "cli/fault_files.h"
+#include "cli/machinability_report.h"
 #include "cli/pages.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
@@ -290,9 +290,11 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   html += picture(folder, "cam/unreachable_normals.png", "Normals out of the ball's reach", "by how much they are off there, which the light sees");
   html += picture(folder, "cam/hollows.png", "Hollows against the ball", "curvature across the hollows: full red is the ball's own radius or a smaller one, blue bulges every way");
   html += "</div>\n";
-  if (report.contains("/cam/creases"_json_pointer)) {
-    html += "<h2>What the ball's radius leaves</h2>\n<p class=soft>Hollow creases that the finishing ball does not reach into, the longest ten: where they run on the lens, "
-            "and where the light of their fillets lands on the wall (mm).</p>\n<pre>" + escaped(creases_text(report.at("/cam/creases"_json_pointer))) + "</pre>\n";
+  if (report.contains("/cam/machinability"_json_pointer)) {
+    const json& cam = report.at("cam");
+    html += "<h2>Machinability</h2>\n<p class=soft>Slopes against the axis, the blank, hollows against the finishing ball and what it leaves there; the longest ten hollow "
+            "creases: where they run on the lens, and where the light of their fillets lands on the wall (mm). The same as <code>lightmill check</code>.</p>\n<pre>" +
+            escaped(machinability_text(cam.at("machinability"), cam.at("creases"), cam)) + "</pre>\n";
   }
   html += "<h2>Tool paths</h2>\n<div class=pictures>\n";
   for (const char* pass : kPassNames) {

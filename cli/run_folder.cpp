@@ -77,6 +77,8 @@ fs::path RunFolder::needed(std::string_view relative, std::string_view made_by) 
 
 fs::path RunFolder::record_path(Stage stage) const { return root_ / "stages" / (std::string(stage_name(stage)) + ".json"); }
 
+fs::path RunFolder::refusal_path(Stage stage) const { return root_ / "stages" / (std::string(stage_name(stage)) + "_refused.json"); }
+
 json RunFolder::record(Stage stage) const {
   std::error_code error;
   if (!fs::exists(record_path(stage), error)) return nullptr;
@@ -119,8 +121,20 @@ void RunFolder::begin(Stage stage) {
       for (const auto& [name, what] : made["files"].items()) fs::remove(file(name), error);
     }
     fs::remove(record_path(*later), error);
+    fs::remove(refusal_path(*later), error);
   }
   write_report();
+}
+
+void RunFolder::refuse(Stage stage, const std::string& digest, const std::string& reason) {
+  write_whole(refusal_path(stage), json({{"digest", digest}, {"reason", reason}}).dump(1) + "\n");
+}
+
+std::string RunFolder::refusal(Stage stage, const std::string& digest) const {
+  std::error_code error;
+  if (!fs::exists(refusal_path(stage), error)) return "";
+  const json refused = json::parse(read_whole(refusal_path(stage)), nullptr, false);
+  return refused.is_object() && refused.value("digest", "") == digest ? refused.value("reason", "") : "";
 }
 
 void RunFolder::finish(Stage stage, const std::string& digest, const std::vector<std::string>& files, const json& report) {

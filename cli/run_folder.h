@@ -45,11 +45,17 @@ class RunFolder {
   /// Writes the stage's record and the report. `files` are relative to the folder.
   void finish(Stage stage, const std::string& digest, const std::vector<std::string>& files, const nlohmann::json& report);
 
-  /// The figures of all finished stages, merged.
+  /// Keeps why a stage refused these inputs and options, until it or an earlier one begins again.
+  void refuse(Stage stage, const std::string& digest, const std::string& reason);
+  /// The reason, empty where there is none or it was about other inputs.
+  [[nodiscard]] std::string refusal(Stage stage, const std::string& digest) const;
+
+  /// The figures of all finished stages, merged; keys that are null go missing.
   [[nodiscard]] nlohmann::json report() const;
 
  private:
   [[nodiscard]] std::filesystem::path record_path(Stage stage) const;
+  [[nodiscard]] std::filesystem::path refusal_path(Stage stage) const;
   void write_report() const;
 
   std::filesystem::path root_;

@@ -10,13 +10,11 @@
 #include <cstdlib>
 #include <thread>
 
-#include "cam/creases.h"
-#include "cam/outline_region.h"
-#include "cam/outline.h"
-#include "cam/reachable.h"
+#include "cli/cam_inputs.h"
 #include "cli/commands.h"
 #include "cli/crease_report.h"
 #include "cli/job_light.h"
+#include "cli/machinability_report.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/text.h"
@@ -139,74 +137,17 @@ int check_machinability(const Job& job, const RunFolder& folder) {
   const SplineFit fit = fit_spline(mesh, Box2::centred(job.lens.size_mm), job.spline_fit);
   const Outline outline = outline_of(scene_of(job).lens);
   const SplineSurface surface = faded_outside(fit.surface, outline, job.land.drop_mm);
-  const OutlineRegion lens(outline, 0);
-  const Vec2 size = surface.extent().size();
-  const double pitch = std::clamp(size.maxCoeff() / 1000, 0.05, 0.1);
-  const double ball = job.finish.cutter.radius_mm();
-
-  // Steepest slope and tightest hollow over a dense scan.
-  double steepest = 0;
-  Vec2 steepest_place = Vec2::Zero();
-  double most_concave = 0;  // curvature, 1/mm, positive where the surface is hollow
-  Vec2 concave_place = Vec2::Zero();
-  double sharper_mm2 = 0;  // than the ball
-  for (double y = surface.extent().min.y() + pitch / 2; y < surface.extent().max.y(); y += pitch) {
-    for (double x = surface.extent().min.x() + pitch / 2; x < surface.extent().max.x(); x += pitch) {
-      if (!lens.contains({x, y})) continue;
-      const SplineSurface::Sample s = surface.sample(x, y);
-      const double slope = std::hypot(s.hx, s.hy);
-      if (slope > steepest) {
-        steepest = slope;
-        steepest_place = {x, y};
-      }
-      const double concave = hollow_curvature(s);
-      if (concave * ball > 1) sharper_mm2 += pitch * pitch;
-      if (concave > most_concave) {
-        most_concave = concave;
-        concave_place = {x, y};
-      }
-    }
-  }
-  const ReachableSurface reachable = within(reachable_surface(surface, ball, pitch), outline);
-  const auto place = [](const Vec2& p) { return "x " + fixed(p.x(), 1) + " y " + fixed(p.y(), 1); };
-  std::printf("height            %s to %s mm\n", fixed(surface.lowest(), 3).c_str(), fixed(surface.highest(), 3).c_str());
-  std::printf("steepest slope    %s deg at %s\n", fixed(std::atan(steepest) * 180 / kPi, 1).c_str(), place(steepest_place).c_str());
-  if (most_concave > 0) {
-    std::printf("tightest hollow   radius %s mm at %s (finishing ball: %s mm)\n", fixed(1 / most_concave, 2).c_str(),
-                place(concave_place).c_str(), compact(ball, 3).c_str());
-    std::printf("sharper hollows   %s mm2 (%s %%) with a radius below the ball's\n", fixed(sharper_mm2, 1).c_str(), fixed(100 * sharper_mm2 / outline.area_mm2(), 2).c_str());
-  } else {
-    std::printf("tightest hollow   none, the surface is convex\n");
-  }
-  std::printf("out of reach      %s mm2 (%s %%), at most %s um left there\n", fixed(reachable.unreachable_area_mm2, 1).c_str(),
-              fixed(100 * reachable.unreachable_area_mm2 / outline.area_mm2(), 2).c_str(), fixed(reachable.max_residue_um, 1).c_str());
-  std::fputs(creases_text(creases_json(surface, reachable, job)).c_str(), stdout);
-  if (reachable.unreachable_area_mm2 > 0) {
-    // What smaller balls would change: along creases only (a rest pass), or everywhere at the price of a closer stepover.
-    for (const double share : {0.5, 0.25}) {
-      const double small = share * ball;
-      const ReachableSurface rest = within(reachable_surface(surface, small, pitch), outline);
-      double light = 0;
-      for (const Crease& crease : concave_creases(surface, rest)) light += crease.area_mm2;
-      std::printf("a ball of %s mm   would leave %s mm2 (%s %%) out of reach, at most %s um, and %s %% of the light in fillets; finishing all with it: %s times the path\n",
-                  compact(small, 3).c_str(), fixed(rest.unreachable_area_mm2, 1).c_str(), fixed(100 * rest.unreachable_area_mm2 / outline.area_mm2(), 2).c_str(),
-                  fixed(rest.max_residue_um, 1).c_str(), fixed(100 * light / outline.area_mm2(), 2).c_str(), fixed(1 / std::sqrt(share), 1).c_str());
-    }
-  }
+  const ReachableSurface reachable = reachable_by_finishing(job, surface, outline);
+  nlohmann::json found = machinability_json(job, surface, outline, reachable);
+  nlohmann::json& refusals = found["refusals"];
+  // What only planning sees, as shanks that would touch, from the last time.
+  const std::string refused = folder.refusal(Stage::kCam, stage_digest(Stage::kCam, job, folder));
+  if (!refused.empty() && std::find(refusals.begin(), refusals.end(), refused) == refusals.end()) refusals.push_back(refused);
   const nlohmann::json cam = folder.report().value("cam", nlohmann::json::object());
-  for (const char* pass : kPassNames) {
-    if (!cam.contains(pass)) continue;
-    const nlohmann::json& p = cam.at(pass);
-    std::printf("%-17s %s min, %s m of path, %s m of it cutting (what wears the edge)", pass, fixed(p.at("minutes"), 1).c_str(),
-                fixed(p.at("length_mm").get<double>() / 1000, 1).c_str(), fixed(p.at("cutting_length_mm").get<double>() / 1000, 1).c_str());
-    if (p.contains("contact")) {
-      const nlohmann::json& c = p.at("contact");
-      std::printf("; contact %s to %s deg from the axis, %s to %s m/min", fixed(c.at("least_angle_deg"), 1).c_str(), fixed(c.at("most_angle_deg"), 1).c_str(),
-                  fixed(c.at("slowest_m_per_min"), 0).c_str(), fixed(c.at("fastest_m_per_min"), 0).c_str());
-    }
-    std::printf("\n");
-  }
-  return kExitDone;
+  std::fputs(machinability_text(found, creases_json(surface, reachable, job), cam).c_str(), stdout);
+  if (refusals.empty()) return kExitDone;
+  std::fprintf(stderr, "lightmill: this lens cannot be milled as the job asks: %s\n", refusals.front().get<std::string>().c_str());
+  return kExitBadInput;
 }
 
 }  // namespace lightmill

@@ -12,7 +12,8 @@ int list_machines();
 int list_dialects();
 int doctor();
 
-/// Slopes, concave radii and unreachable area of the folder's surface.
+/// Whether the folder's surface can be milled as its job asks, from the design alone; what is planned already is told, too. Bad input where
+/// planning would refuse, or did.
 int check_machinability(const Job& job, const RunFolder& folder);
 
 }  // namespace lightmill

@@ -141,7 +141,14 @@ void run_stage(Stage stage, const Job& job, RunFolder& folder, const Monitor& mo
   switch (stage) {
     case Stage::kTransport: result = run_transport(job, folder, monitor); break;
     case Stage::kSurface: result = run_surface(job, folder, monitor); break;
-    case Stage::kCam: result = run_cam(job, folder, monitor); break;
+    case Stage::kCam:
+      try {
+        result = run_cam(job, folder, monitor);
+      } catch (const InputError& e) {
+        folder.refuse(stage, digest, e.what());
+        throw;
+      }
+      break;
     case Stage::kPost: result = run_post(job, folder, monitor); break;
     case Stage::kDryRun: result = run_dry_run(job, folder, monitor, overrides); break;
   }

@@ -52,10 +52,12 @@ double steepest_of(const std::vector<Vec3>& normals) {
   return std::acos(least);
 }
 
-/// The lean asked for, then others by how little they differ from it.
-std::vector<Lean> leans_around(double angle_rad, double direction_rad, int step_degrees) {
+constexpr int kGivesWayDegrees = 20;
+
+/// The lean asked for, then others by how little they differ from it, up to so many degrees.
+std::vector<Lean> leans_around(double angle_rad, double direction_rad, int step_degrees, int most_degrees = kGivesWayDegrees) {
   std::vector<std::pair<int, Lean>> others;
-  for (int da = -20; da <= 20; da += step_degrees) {
+  for (int da = -most_degrees; da <= most_degrees; da += step_degrees) {
     const double angle = angle_rad + da * kDegree;
     if (angle < 12 * kDegree || angle > 50 * kDegree) continue;
     for (int dd = -12; dd < 12; ++dd) {
@@ -86,28 +88,39 @@ Vec3 fixed_axis(const Lean& lean) {
 }
 
 std::vector<Lean> fixed_tilts(const SplineSurface& surface, double tilt_rad, double direction_rad,
-                              const OutlineRegion* within) {
+                              const OutlineRegion* within, const std::string& pass) {
   const std::vector<Vec3> normals = distinct_normals(surface, within);
-  std::vector<Lean> leans = leans_around(tilt_rad, direction_rad, 1);
-  for (Lean& lean : leans) {
-    const Vec3 axis = fixed_axis(lean);
-    double least = 1, most = -1;
-    for (const Vec3& n : normals) {
-      const double c = n.dot(axis);
-      least = std::min(least, c);
-      most = std::max(most, c);
+  const auto measured = [&](std::vector<Lean> leans) {
+    for (Lean& lean : leans) {
+      const Vec3 axis = fixed_axis(lean);
+      double least = 1, most = -1;
+      for (const Vec3& n : normals) {
+        const double c = n.dot(axis);
+        least = std::min(least, c);
+        most = std::max(most, c);
+      }
+      set_contact(lean, least, most);
     }
-    set_contact(lean, least, most);
-  }
+    return leans;
+  };
+  std::vector<Lean> leans = measured(leans_around(tilt_rad, direction_rad, 1));
   const Lean wished = leans.front();
   std::erase_if(leans, [](const Lean& lean) { return !keeps_window(lean); });
   if (leans.empty()) {
-    throw InputError("finish.axis: no fixed tilt keeps the ball's contact between " + degrees(kLeastContactAngle) +
-                     " and " + degrees(kMostContactAngle) + " degrees from the axis; the surface is up to " +
+    constexpr int kAnyDegrees = 90;
+    const std::vector<Lean> farther = measured(leans_around(tilt_rad, direction_rad, 1, kAnyDegrees));
+    const auto would_do = std::find_if(farther.begin(), farther.end(), keeps_window);
+    std::string remedy = "use axis = \"lead_tilt\", or a longer focal distance or a smaller picture";
+    if (would_do != farther.end()) {
+      const double turn = would_do->direction_rad - direction_rad;
+      remedy = std::string("use ") + (would_do->angle_rad < tilt_rad ? "less" : "more") + " tilt: " + pass + ".tilt_deg = " + degrees(would_do->angle_rad) +
+               " would do" + (std::abs(turn) > 1e-9 ? " with tilt_direction_deg changed by " + degrees(turn) : "");
+    }
+    throw InputError(pass + ".axis: no fixed tilt within " + std::to_string(kGivesWayDegrees) + " degrees of the one asked for keeps the ball's contact between " +
+                     degrees(kLeastContactAngle) + " and " + degrees(kMostContactAngle) + " degrees from the axis; the surface is up to " +
                      degrees(steepest_of(normals)) + " degrees steep, and " + degrees(tilt_rad) +
                      " degrees of tilt give " + degrees(wished.least_contact_rad) + " to " +
-                     degrees(wished.most_contact_rad) +
-                     "; use axis = \"lead_tilt\", or a longer focal distance or a smaller picture");
+                     degrees(wished.most_contact_rad) + "; " + remedy);
   }
   return leans;
 }
@@ -157,7 +170,7 @@ LeadField::LeadField(const SplineSurface& surface, const Vec2& along) : surface_
   }
 }
 
-std::vector<Lean> LeadField::leans(double angle_rad, double direction_rad, const OutlineRegion* within) const {
+std::vector<Lean> LeadField::leans(double angle_rad, double direction_rad, const OutlineRegion* within, const std::string& pass) const {
   constexpr double kLeastFromVertical = 5 * kDegree;
   constexpr int kStepDegrees = 4;
   constexpr std::size_t kMostFound = 12;
@@ -192,7 +205,7 @@ std::vector<Lean> LeadField::leans(double angle_rad, double direction_rad, const
     if (found.size() == kMostFound) break;
   }
   if (found.empty()) {
-    throw InputError("finish.axis: no lean from the normal keeps the ball's contact between " + degrees(kLeastContactAngle) +
+    throw InputError(pass + ".axis: no lean from the normal keeps the ball's contact between " + degrees(kLeastContactAngle) +
                      " and " + degrees(kMostContactAngle) + " degrees and the axis " + degrees(kLeastFromVertical) +
                      " degrees from vertical (" + wished + "); use axis = \"fixed\", or a longer focal distance");
   }
