@@ -36,6 +36,11 @@ struct Loop {
   }
 };
 
+/// Way that a tab takes from the bottom: itself, the mill over it, its ramps.
+double tab_way_mm(const ProfileOptions& options, const Cutter& mill) {
+  return options.tab_width_mm + mill.diameter_mm + 2 * (options.tab_height_mm - options.skin_mm) / kRampSlope;
+}
+
 class Cutout {
  public:
   Cutout(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const ProfileOptions& options)
@@ -111,9 +116,9 @@ class Cutout {
       refuse("a turn of " + compact(loop.length(), 1) + " mm around the part is too short to go down " + compact(options_.stepdown_mm, 3) +
              " mm at 3 degrees; set rough.stepdown_mm to at most " + compact(kRampSlope * loop.length(), 2));
     }
-    if (tabs && options_.tabs * (options_.tab_width_mm + mill_.diameter_mm + 2 * (options_.tab_height_mm - options_.skin_mm) / kRampSlope) > loop.length()) {
+    if (tabs && options_.tabs * tab_way_mm(options_, mill_) > loop.length()) {
       refuse(std::to_string(options_.tabs) + " tabs of " + compact(options_.tab_width_mm, 2) + " mm and their ramps do not fit on " +
-             compact(loop.length(), 1) + " mm; use fewer (profile.tabs) or lower ones (profile.tab_height_mm)");
+             compact(loop.length(), 1) + " mm; use fewer (profile.tabs) or lower ones (profile.tab_height_mm), or a thinner roughing mill");
     }
     const Vec2 start = loop.places.front();
     if (moves_.empty()) {
@@ -165,6 +170,27 @@ class Cutout {
 };
 
 }  // namespace
+
+ProfileOptions with_fitting_tabs(ProfileOptions options, const Outline& optical, const Cutter& mill) {
+  constexpr int kLeastTabs = 3;  // two would let the part tip
+  constexpr double kLeastWidthMm = 2, kLeastHeightMm = 0.5;
+  const double way = Loop(way_around(with_land(optical, options.land_mm), mill.radius_mm())).length();
+  const auto fits = [&](const ProfileOptions& o) { return o.tabs * tab_way_mm(o, mill) <= way; };
+  if (fits(options)) return options;
+  ProfileOptions fewer = options;
+  while (fewer.tabs > kLeastTabs && !fits(fewer)) --fewer.tabs;
+  if (fits(fewer)) return fewer;
+  ProfileOptions least = fewer;
+  least.tab_width_mm = std::min(options.tab_width_mm, kLeastWidthMm);
+  least.tab_height_mm = std::min(options.tab_height_mm, std::max(kLeastHeightMm, 2 * options.skin_mm));
+  if (!fits(least)) return options;
+  // As wide and high as fits between the two: the way grows evenly.
+  const double share = (way / fewer.tabs - tab_way_mm(least, mill)) / (tab_way_mm(fewer, mill) - tab_way_mm(least, mill));
+  const double taken = std::max(0.0, share - 1e-9);
+  fewer.tab_width_mm = least.tab_width_mm + taken * (fewer.tab_width_mm - least.tab_width_mm);
+  fewer.tab_height_mm = least.tab_height_mm + taken * (fewer.tab_height_mm - least.tab_height_mm);
+  return fewer;
+}
 
 ToolPath plan_profile(const SplineSurface& surface, const Blank& blank, const Outline& optical, const Cutter& mill,
                       const ProfileOptions& options, const Monitor& monitor) {

@@ -23,10 +23,14 @@ struct ProfileOptions {
   double clearance_mm = 5;
 };
 
+/// Where so many tabs and their ramps take more than the way around the part: three, and if those do not fit either, narrower and lower
+/// ones down to 2 mm and 0.5 mm. Unchanged where even they do not fit.
+ProfileOptions with_fitting_tabs(ProfileOptions options, const Outline& optical, const Cutter& mill);
+
 /// Around `optical` down to the land if there is one, then around the part down to the skin, in a helix that takes
 /// `stepdown_mm` a turn, clockwise (climb milling at the part), the land first from outside in. The feed is half the
 /// cutter's, since most of it is a slot. Throws InputError where the mill does not get around, is too short, would ramp
-/// down at more than 3 degrees, or the tabs take more than half of the way.
+/// down at more than 3 degrees, or the tabs do not fit on the way.
 ToolPath plan_profile(const SplineSurface& surface, const Blank& blank, const Outline& optical, const Cutter& mill,
                       const ProfileOptions& options, const Monitor& monitor = {});
 

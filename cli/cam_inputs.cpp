@@ -58,7 +58,7 @@ ProfileOptions profile_options(const Job& job, const SplineSurface& surface, con
   ProfileOptions profile = job.profile.options;
   profile.land_mm = job.land.width_mm;
   if (profile.land_mm > 0) profile.land_z_mm = land_z_mm(job, surface, outline);
-  return profile;
+  return job.profile.tabs_give_way ? with_fitting_tabs(profile, outline, job.rough.cutter) : profile;
 }
 
 }  // namespace lightmill

@@ -80,7 +80,6 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     write_3mf(folder.file("cam/lens.3mf"), solid.mesh, job.name);
   }
 
-  // A rectangle as large as its blank is finished from beside it to beside it.
   FinishOptions semi_finish = job.semi_finish.options;
   FinishOptions finish = job.finish.options;
   semi_finish.outline = finish.outline = finishing_border(job, outline);
@@ -113,8 +112,10 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     rest = plan_rest(surface, blank, job.rest->cutter, concave_creases(surface, reachable, kShortestMm), reachable, passes.back(), rest_options, monitor.part(0.9, 0.93));
     if (rest->ways > 0) passes.push_back(std::move(rest->path));
   }
+  std::optional<ProfileOptions> profile;
   if (cut_out) {
-    passes.push_back(plan_profile(surface, blank, outline, job.rough.cutter, profile_options(job, surface, outline), monitor.part(0.93, 0.95)));
+    profile = profile_options(job, surface, outline);
+    passes.push_back(plan_profile(surface, blank, outline, job.rough.cutter, *profile, monitor.part(0.93, 0.95)));
   }
   write_toolpaths(folder.file("cam/toolpaths.bin"), passes);
 
@@ -173,9 +174,10 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
     cam["rough"]["layers_minutes"] = rough.layers_minutes;
   }
   cam["semi_finish"]["deepest_cut_mm"] = deepest_mm;
+  if (profile) cam["profile"].update({{"tabs", profile->tabs}, {"tab_width_mm", profile->tab_width_mm}, {"tab_height_mm", profile->tab_height_mm}});
   cam["creases"] = creases_json(surface, reachable, job);
-  if (rest) {
   cam["machinability"] = machinability_json(job, surface, outline, reachable);
+  if (rest) {
     cam["creases"]["rest"] = {{"ways", rest->ways},
                               {"ball_radius_mm", job.rest->cutter.radius_mm()},
                               {"highest_before_um", rest->highest_before_um},

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "cli/cam_inputs.h"
 #include "cli/job_light.h"
 #include "design/core/text.h"
 #include "machine/cut_out.h"
@@ -52,7 +53,7 @@ void judge(const WallDeviation& walls, const std::string& which, double toleranc
 json cut_out_report(const Job& job, const SplineSurface& surface, const SolidStock& solid, std::vector<Fault>& faults) {
   const Outline optical = outline_of(scene_of(job).lens);
   const Outline part = with_land(optical, job.land.width_mm);
-  const ProfileOptions& profile = job.profile.options;
+  const ProfileOptions profile = profile_options(job, surface, optical);
   const Cutter& mill = job.rough.cutter;
   double rim = std::numeric_limits<double>::infinity();
   for (const Vec2& p : outline_places(optical, 0.1)) rim = std::min(rim, surface.height(p.x(), p.y()));

@@ -324,7 +324,12 @@ void read_profile(TomlTable table, Job& job) {
     job.profile.cut = table.boolean("cut", true);
   }
   ProfileOptions& o = job.profile.options;
-  o.tabs = table.integer_in("tabs", o.tabs, 0, 100);
+  if (table.is_text("tabs")) {
+    table.choice("tabs", "auto", {"auto"});
+  } else if (table.has("tabs")) {
+    o.tabs = table.integer_in("tabs", o.tabs, 0, 100);
+    job.profile.tabs_give_way = false;
+  }
   o.tab_width_mm = positive(table, "tab_width_mm", o.tab_width_mm, 100);
   o.tab_height_mm = positive(table, "tab_height_mm", o.tab_height_mm, 100);
   o.skin_mm = table.number_in("skin_mm", o.skin_mm, 0, 10);
@@ -695,7 +700,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
     profile.put("cut", "auto");
   }
   sections["profile"] =
-      profile.put("tabs", p.tabs).put("tab_width_mm", p.tab_width_mm).put("tab_height_mm", p.tab_height_mm).put("skin_mm", p.skin_mm);
+      (job.profile.tabs_give_way ? profile.put("tabs", "auto") : profile.put("tabs", p.tabs)).put("tab_width_mm", p.tab_width_mm).put("tab_height_mm", p.tab_height_mm).put("skin_mm", p.skin_mm);
   const MountOptions& m = job.mount;
   Section mount;
   mount.put("chamfer_mm", m.chamfer_mm)

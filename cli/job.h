@@ -72,6 +72,7 @@ struct LandSpec {
 /// Cutting the part out of its blank, by the roughing mill.
 struct ProfilePass {
   std::optional<bool> cut;              ///< empty: "auto", all but plain rectangles
+  bool tabs_give_way = true;            ///< "auto": fewer and smaller ones where the part is small
   ProfileOptions options;
 };
 

@@ -77,6 +77,33 @@ TEST_P(CutOut, StaysOutsideThePartGoesDownGentlyAndLeavesTabsAndSkin) {
 
 INSTANTIATE_TEST_SUITE_P(WithAndWithoutLand, CutOut, ::testing::Bool());
 
+TEST(Tabs, BecomeFewerThenSmallerWhereThePartIsSmall) {
+  const auto fitted = [](double diameter) { return with_fitting_tabs({}, {Outline::Shape::kDisk, {diameter, diameter}, {}}, mill()); };
+  const ProfileOptions whole;
+  const auto way = [](const ProfileOptions& o) { return o.tabs * (o.tab_width_mm + 10 + 2 * (o.tab_height_mm - o.skin_mm) / 0.0524); };
+  const auto around = [](double diameter) { return kPi * (diameter + 10); };
+  EXPECT_EQ(fitted(60).tabs, 4);
+  const ProfileOptions three = fitted(40);
+  EXPECT_EQ(three.tabs, 3);
+  EXPECT_EQ(three.tab_width_mm, whole.tab_width_mm);
+  EXPECT_EQ(three.tab_height_mm, whole.tab_height_mm);
+  const ProfileOptions smaller = fitted(28);
+  EXPECT_EQ(smaller.tabs, 3);
+  EXPECT_NEAR(way(smaller), around(28), 0.05);  // the way is up to 6 um outside the offset
+  EXPECT_GT(smaller.tab_width_mm, 2);
+  EXPECT_GT(smaller.tab_height_mm, 0.5);
+  EXPECT_LT(smaller.tab_height_mm, 1);
+  EXPECT_EQ(fitted(15).tabs, 4) << "not even three of the least: refused as asked for";
+  ProfileOptions none;
+  none.tabs = 0;
+  EXPECT_EQ(with_fitting_tabs(none, {Outline::Shape::kDisk, {5, 5}, {}}, mill()).tabs, 0);
+  // What fits is planned.
+  for (const double diameter : {40.0, 28.0}) {
+    const SplineSurface s = test::spline_of(Box2::centred({diameter, diameter}), 20, 20, [](double, double) { return 4.0; });
+    EXPECT_NO_THROW(plan_profile(s, {Vec2::Constant(diameter + 24), 4.5}, {Outline::Shape::kDisk, {diameter, diameter}, {}}, mill(), fitted(diameter)));
+  }
+}
+
 TEST(CutOutDepth, ATurnTakesNoMoreThanTheStepdown) {
   // Highest cut at any angle against the one a turn earlier.
   const ToolPath path = plan_profile(dome(), {{100, 100}, 12}, kDisk, mill(), {});

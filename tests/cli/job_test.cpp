@@ -57,7 +57,7 @@ TEST(Job, ResolvedJobReadsBackAsItself) {
       "[surface]\nmesh = 77\nheight_tolerance_um = 0.07\nweights = { flux = 0, smoothness = 3e-6 }\n"
       "[stock]\nheight_mm = 21.3\nallowance_mm = 0.9\nmaterial = \"glass\"\nkeep_outs = [[-60, -5, 0, -50.5, 5, 20], [50.5, -5, 0, 60, 5, 21]]\n"
       "[rough]\nallowance_mm = 0.41\nlink_feed_mm_per_min = 777\n[semi_finish]\ncusp_um = 7\nstrategy = \"zig_zag\"\nangle_deg = 33\nmax_feed_mm_per_min = 1234\nacceleration_mm_per_s2 = 777\n"
-      "[finish]\naxis = \"lead_tilt\"\ntilt_deg = 23\ntilt_direction_deg = 77\nchord_tolerance_um = 0.07\nfeed_per_tooth_mm = 0.017\n"
+      "[profile]\ntabs = 3\n[finish]\naxis = \"lead_tilt\"\ntilt_deg = 23\ntilt_direction_deg = 77\nchord_tolerance_um = 0.07\nfeed_per_tooth_mm = 0.017\n"
       "[solid]\nfiner_creases = true\n[machine]\nworkpiece_origin_mm = [12, -7, 3.3]\nwork_offset = 57\n[controller]\ndecimals = 4\nblock_numbers = true\n"
       "[dry_run]\npitch_um = 17\npolish_sigma_um = 0\ntime_factor = 2.5\n[stream]\nport = \"/dev/ttyACM0\"\nbaud = 9600\nprotocol = \"drip\"\nformat = \"7E2\"\nrts_cts = true\n"
       "one_at_a_time = true\nleader_nulls = 40\ncheck_first = false\n";
