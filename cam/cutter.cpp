@@ -1,4 +1,4 @@
-#include "cam/cutter.h"
+#include "cam/cutter_file.h"
 
 #include "design/core/errors.h"
 #include "design/core/geometry.h"
@@ -50,9 +50,23 @@ void read_body(TomlTable& table, Cutter& cutter) {
   }
 }
 
+void read_cutting_data(TomlTable& table, Cutter& cutter) {
+  cutter.spindle_rpm = needed(table, "spindle_rpm", 1, 200000);
+  cutter.feed_per_tooth_mm = needed(table, "feed_per_tooth_mm", 1e-5, 5);
+  cutter.plunge_feed_mm_per_s = needed(table, "plunge_feed_mm_per_min", 0.1, 100000) / 60;
+  cutter.most_stepover_mm = table.number_in("most_stepover_mm", 0, 0, cutter.diameter_mm);
+  cutter.slot_depth_mm = table.number_in("slot_depth_mm", 0, 0, 100);
+  cutter.coolant = table.choice("coolant", "none", {"air", "mist", "none"});
+  cutter.source = table.text("source", "untested on the machine");
+}
+
 }  // namespace
 
-Cutter read_cutter(const std::filesystem::path& path) {
+std::string material_name(std::string_view description) { return std::string(description.substr(0, description.find_first_of(" ,;"))); }
+
+Cutter read_cutter(const std::filesystem::path& path) { return read_cutter(path, ""); }
+
+Cutter read_cutter(const std::filesystem::path& path, std::string_view material) {
   TomlTable table = TomlTable::from_file(path);
   Cutter cutter;
   cutter.name = table.text("name", path.stem().string());
@@ -74,15 +88,30 @@ Cutter read_cutter(const std::filesystem::path& path) {
   if (cutter.taper_rad > 0 && !cutter.is_ball()) throw InputError(table.complaint("taper_deg", "only balls may be tapered"));
   cutter.centre_cutting = table.boolean("centre_cutting", false);
   read_body(table, cutter);
-  cutter.spindle_rpm = needed(table, "spindle_rpm", 1, 200000);
-  cutter.feed_per_tooth_mm = needed(table, "feed_per_tooth_mm", 1e-5, 5);
-  cutter.plunge_feed_mm_per_s = needed(table, "plunge_feed_mm_per_min", 0.1, 100000) / 60;
-  cutter.most_stepover_mm = table.number_in("most_stepover_mm", 0, 0, cutter.diameter_mm);
-  cutter.slot_depth_mm = table.number_in("slot_depth_mm", 0, 0, 100);
-  cutter.coolant = table.choice("coolant", "none", {"air", "mist", "none"});
-  cutter.source = table.text("source", "untested on the machine");
+  if (!table.has("material")) {
+    read_cutting_data(table, cutter);
+    table.finish();
+    return cutter;
+  }
+  TomlTable materials = table.table("material");
+  std::string known;
+  Cutter chosen;
+  bool found = false;
+  for (const std::string& name : materials.keys()) {
+    TomlTable data = materials.table(name);
+    Cutter with = cutter;
+    read_cutting_data(data, with);
+    known += (known.empty() ? "" : ", ") + name;
+    if (found || !(material.empty() || name == material)) continue;
+    found = true;
+    chosen = with;
+  }
   table.finish();
-  return cutter;
+  if (!found) {
+    throw InputError(path.string() + ": has no cutting data for the material '" + std::string(material) + "', only for " + known +
+                     "; add a table [material." + std::string(material) + "] or take another material (stock.material)");
+  }
+  return chosen;
 }
 
 }  // namespace lightmill

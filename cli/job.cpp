@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "cam/cutter_file.h"
 #include "cam/work_holding.h"
 #include "cli/errors_file.h"
 #include "design/core/errors.h"
@@ -241,10 +242,12 @@ void read_stock(TomlTable table, Job& job) {
   }
 }
 
-/// The cutter of a pass, with the job's own cutting data over the file's.
-void read_pass_cutter(TomlTable& table, const fs::path& folder, const fs::path& fallback, fs::path& file, Cutter& cutter) {
+constexpr double kLeastFeedMmPerMin = 10;
+
+/// The cutter of a pass with its data for the material, with the job's own over those.
+void read_pass_cutter(TomlTable& table, const fs::path& folder, const fs::path& fallback, const std::string& material, fs::path& file, Cutter& cutter) {
   file = path_in(table, "cutter", folder, fallback);
-  cutter = read_cutter(file);
+  cutter = read_cutter(file, material_name(material));
   cutter.spindle_rpm = positive(table, "spindle_rpm", cutter.spindle_rpm, 500000);
   cutter.feed_per_tooth_mm = positive(table, "feed_per_tooth_mm", cutter.feed_per_tooth_mm, 5);
 }
@@ -257,7 +260,7 @@ void read_feed_limits(TomlTable& table, Options& o) {
 
 void read_rough(TomlTable table, const fs::path& folder, Job& job) {
   RoughPass& pass = job.rough;
-  read_pass_cutter(table, folder, fixtures_folder() / "cutters/rough_10mm.toml", pass.cutter_file, pass.cutter);
+  read_pass_cutter(table, folder, fixtures_folder() / "cutters/rough_10mm.toml", job.stock.material, pass.cutter_file, pass.cutter);
   only_choice(table, "axis", {"vertical", "fixed", "lead_tilt"});
   RoughOptions& o = pass.options;
   o.allowance_mm = table.number_in("allowance_mm", o.allowance_mm, 0.01, 10);
@@ -271,8 +274,8 @@ void read_rough(TomlTable table, const fs::path& folder, Job& job) {
   o.clearance_mm = positive(table, "clearance_mm", o.clearance_mm, 500);
 }
 
-void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fallback, BallPass& pass) {
-  read_pass_cutter(table, folder, fallback, pass.cutter_file, pass.cutter);
+void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fallback, const std::string& material, BallPass& pass) {
+  read_pass_cutter(table, folder, fallback, material, pass.cutter_file, pass.cutter);
   if (!pass.cutter.is_ball()) throw InputError(table.complaint("cutter", "must be a ball cutter (corner radius half the diameter): " + pass.cutter_file.string()));
   if (pass.options.pass != "finish") not_yet(table, "blur_mm", "only finish.blur_mm decides what the light sees; use cusp_um");
   not_yet(table, "stepover_mm", "use cusp_um; the stepover follows from it");
@@ -304,7 +307,7 @@ void read_rest(TomlTable table, const fs::path& folder, Job& job) {
   BallPass pass;
   pass.options = job.finish.options;
   pass.options.pass = "rest";
-  read_ball_pass(table, folder, fixtures_folder() / "cutters/rest_1mm_ball.toml", pass);
+  read_ball_pass(table, folder, fixtures_folder() / "cutters/rest_1mm_ball.toml", job.stock.material, pass);
   if (pass.options.strategy != Strategy::kOneWay) throw InputError(table.complaint("strategy", "the rest pass goes along creases; leave it out"));
   if (!(pass.cutter.radius_mm() < job.finish.cutter.radius_mm())) {
     throw InputError(table.complaint("cutter", "must be a smaller ball than the finishing one: " + pass.cutter_file.string()));
@@ -429,8 +432,8 @@ Job read_table(TomlTable root, const fs::path& folder, Job job) {
   read_surface(surface, job);
   read_stock(root.table("stock"), job);
   read_rough(root.table("rough"), folder, job);
-  read_ball_pass(root.table("semi_finish"), folder, cutters / "semi_finish_4mm_ball.toml", job.semi_finish);
-  read_ball_pass(root.table("finish"), folder, cutters / "finish_4mm_ball.toml", job.finish);
+  read_ball_pass(root.table("semi_finish"), folder, cutters / "semi_finish_4mm_ball.toml", job.stock.material, job.semi_finish);
+  read_ball_pass(root.table("finish"), folder, cutters / "finish_4mm_ball.toml", job.stock.material, job.finish);
   // What the design is held against is the ball that will cut it.
   if (!surface.has("min_concave_radius_mm")) job.surface.min_concave_radius_mm = job.finish.cutter.radius_mm();
   read_profile(root.table("profile"), job);

@@ -43,7 +43,7 @@ struct StockSpec {
   std::optional<double> height_mm;      ///< empty: "auto", what thickness, relief and allowance ask for
   double allowance_mm = 0.5;            ///< material above the highest point of the lens, for "auto"
   std::optional<double> margin_mm;      ///< beside the part; empty: "auto", room for the mill where the part is cut out
-  std::string material = "PMMA, cast, annealed";
+  std::string material = "PMMA, cast, annealed";  ///< its first word chooses the cutters' data
   std::vector<KeepOut> keep_outs;       ///< clamps, jaws: [x0, y0, z0, x1, y1, z1] each
   std::string work_holding = "vacuum";  ///< "vacuum", "vise" or "clamps"
   Vec3 jaw_mm{80, 20, 3};               ///< of a vise, at the blank's sides at -y and +y: length, thickness, height over the table

@@ -77,6 +77,13 @@ TomlTable TomlTable::from_file(const std::filesystem::path& path) {
   return table;
 }
 
+std::vector<std::string> TomlTable::keys() const {
+  std::vector<std::string> names;
+  if (!node_->table) return names;
+  for (const auto& [key, value] : *node_->table) names.emplace_back(key.str());
+  return names;
+}
+
 bool TomlTable::has(std::string_view key) const { return node_->table && node_->table->contains(key); }
 
 TomlTable TomlTable::table(std::string_view key) {

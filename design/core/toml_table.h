@@ -24,6 +24,8 @@ class TomlTable {
   [[nodiscard]] bool has(std::string_view key) const;
   /// A sub-table; an absent one is empty, so that defaults apply.
   TomlTable table(std::string_view key);
+  /// The names of all keys, in the order of the alphabet; none of them counts as known by this.
+  [[nodiscard]] std::vector<std::string> keys() const;
   /// An array of tables; an absent one is empty.
   std::vector<TomlTable> tables(std::string_view key);
 

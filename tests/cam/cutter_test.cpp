@@ -1,10 +1,11 @@
-#include "cam/cutter.h"
+#include "cam/cutter_file.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 
 #include "design/core/errors.h"
 
@@ -77,6 +78,34 @@ TEST_F(CutterFile, GivesWhatItSays) {
   EXPECT_DOUBLE_EQ(c.shank[0].to_mm, 9);
   EXPECT_DOUBLE_EQ(c.shank[0].from_radius_mm, 1.5);
   EXPECT_DOUBLE_EQ(c.shank[0].to_radius_mm, 2);
+}
+
+TEST_F(CutterFile, HasDataForEachMaterialAndNamesThoseItKnows) {
+  std::string shape, data;
+  std::istringstream lines(kGood);
+  for (std::string line; std::getline(lines, line);) {
+    const bool of_cutting = line.starts_with("spindle_rpm") || line.starts_with("feed_per_tooth") || line.starts_with("plunge_feed") || line.starts_with("coolant");
+    (of_cutting ? data : shape) += line + "\n";
+  }
+  const std::string slower = "spindle_rpm = 300\nfeed_per_tooth_mm = 0.01\nplunge_feed_mm_per_min = 60\nsource = \"a table\"\n";
+  const auto path = write(shape + "[material.PMMA]\n" + data + "[material.PC]\n" + slower);
+  EXPECT_DOUBLE_EQ(read_cutter(path, "PMMA").feed_mm_per_s(), 500 * 2 * 0.02);
+  const Cutter pc = read_cutter(path, material_name("PC, extruded"));
+  EXPECT_DOUBLE_EQ(pc.feed_mm_per_s(), 300 / 60.0 * 2 * 0.01);
+  EXPECT_EQ(pc.source, "a table");
+  EXPECT_DOUBLE_EQ(pc.radius_mm(), 1.5);
+  EXPECT_DOUBLE_EQ(read_cutter(path).radius_mm(), 1.5) << "where only the shape matters";
+  try {
+    read_cutter(path, "glass");
+    FAIL() << "no error";
+  } catch (const InputError& e) {
+    EXPECT_THAT(e.what(), HasSubstr("no cutting data for the material 'glass', only for PC, PMMA"));
+  }
+  // A table that is not chosen is read as strictly; data beside tables is unknown, and none at all is missing.
+  EXPECT_THAT(complaint(shape + "[material.PMMA]\n" + data + "[material.PC]\nspindle_rpm = 0\n"), HasSubstr("material.PC.spindle_rpm"));
+  EXPECT_THAT(complaint(shape + data + "[material.PC]\n" + slower), HasSubstr("unknown key"));
+  EXPECT_THAT(complaint(shape), HasSubstr("spindle_rpm: is missing"));
+  EXPECT_EQ(material_name("PMMA"), "PMMA");
 }
 
 TEST_F(CutterFile, AllFixturesAreRead) {

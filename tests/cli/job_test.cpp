@@ -118,6 +118,33 @@ TEST(Job, MountingFeaturesReadBackAsThemselvesAndNeedALand) {
   EXPECT_THAT(refusal(kPicture + "[mount]\nlabel_side = \"wall\"\n"), HasSubstr("mount.label_side"));
 }
 
+TEST(Job, ItsMaterialChoosesTheCuttersData) {
+  EXPECT_THAT(refusal(kPicture + "[stock]\nmaterial = \"glass, clear\"\n"), AllOf(HasSubstr("'glass'"), HasSubstr("only for PMMA")));
+  const ScratchFolder scratch;
+  spill(scratch / "ball.toml", slurp(fixture("cutters/finish_4mm_ball.toml")) +
+                                   "[material.PC]\nspindle_rpm = 20000\nfeed_per_tooth_mm = 0.02\nplunge_feed_mm_per_min = 100\n");
+  std::string text = kPicture + "[stock]\nmaterial = \"PC\"\n";
+  for (const char* pass : {"rough", "semi_finish", "finish"}) text += "[" + std::string(pass) + "]\ncutter = \"" + (scratch / (std::string(pass) + ".toml")).string() + "\"\n";
+  for (const char* pass : {"rough", "semi_finish", "finish"}) spill(scratch / (std::string(pass) + ".toml"), slurp(scratch / "ball.toml"));
+  EXPECT_EQ(read_job_text(text, "x.toml", "/a/b").finish.cutter.spindle_rpm, 20000);
+}
+
+TEST(Job, RefusesWhatWouldPlanForWeeksOrFillTheMemory) {
+  for (const auto& [section, line] : std::initializer_list<std::pair<std::string, std::string>>{{"finish", "longest_segment_mm = 1e-9"},
+                                                                                               {"finish", "max_feed_mm_per_min = 0.0001"},
+                                                                                               {"finish", "link_feed_mm_per_min = 0.0001"},
+                                                                                               {"finish", "clearance_mm = 1e-9"},
+                                                                                               {"finish", "feed_per_tooth_mm = 1e-7"},
+                                                                                               {"semi_finish", "cusp_um = 1e-6"},
+                                                                                               {"semi_finish", "chord_tolerance_um = 1e-6"},
+                                                                                               {"rough", "stepdown_mm = 1e-9"},
+                                                                                               {"rough", "stepover_mm = 1e-9"},
+                                                                                               {"rough", "max_feed_mm_per_min = 0.0001"},
+                                                                                               {"rough", "clearance_mm = 1e-9"}}) {
+    EXPECT_THAT(refusal(kPicture + "[" + section + "]\n" + line + "\n"), HasSubstr(section + "." + line.substr(0, line.find(' '))));
+  }
+}
+
 TEST(Job, TheDesignIsHeldAgainstTheFinishingBall) {
   const ScratchFolder scratch;
   spill(scratch / "ball.toml", replaced(replaced(slurp(fixture("cutters/finish_4mm_ball.toml")), "\ndiameter_mm = 4.0", "\ndiameter_mm = 3.0"),
