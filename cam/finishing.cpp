@@ -58,6 +58,13 @@ void check(const SplineSurface& surface, const Blank& blank, const Cutter& ball,
     refuse("allowance_mm = " + compact(o.allowance_mm, 6) + ": must be from 0 to 5");
   if (!(o.chord_tolerance_mm > 0 && o.longest_segment_mm > 0))
     refuse("chord tolerance and longest segment must be above 0");
+  // All that is planned is kept in memory.
+  constexpr double kMostPoints = 3e7;
+  const double points = surface.extent().size().prod() / (detail::flat_stepover_mm(ball.radius_mm(), o.cusp_um * 1e-3) * o.longest_segment_mm);
+  if (!(points < kMostPoints)) {
+    refuse("more than " + compact(points / 1e6, 0) + " million points would be planned, at most " + compact(kMostPoints / 1e6, 0) +
+           " are; allow higher cusps (cusp_um) or longer segments (longest_segment_mm)");
+  }
   if (!(o.clearance_mm > 0 && o.link_feed_mm_per_s > 0)) refuse("clearance and link feed must be above 0");
   if (!(o.max_feed_mm_per_s > 0 && o.acceleration_mm_per_s2 > 0)) refuse("highest feed and acceleration must be above 0");
   if (!(ball.feed_mm_per_s() > 0 && ball.plunge_feed_mm_per_s > 0))

@@ -49,8 +49,14 @@ double land_z_mm(const Job& job, const SplineSurface& surface, const Outline& ou
 }
 
 ReachableSurface reachable_by_finishing(const Job& job, const SplineSurface& surface, const Outline& outline, const Monitor& monitor) {
+  constexpr double kMostMm = 600;
+  const Vec2 size = surface.extent().size();
+  if (size.maxCoeff() > kMostMm) {
+    throw InputError("lens.size_mm: milling is planned on grids of a tenth of a millimetre, for lenses of up to " + compact(kMostMm, 0) + " mm; this one is " +
+                     compact(size.x(), 3) + " x " + compact(size.y(), 3) + " mm");
+  }
   // Half a finishing stepover sees every fillet that matters; a tenth of a mm bounds the work.
-  const double pitch = std::clamp(surface.extent().size().maxCoeff() / 1000, 0.05, 0.1);
+  const double pitch = std::clamp(size.maxCoeff() / 1000, 0.05, 0.1);
   return within(reachable_surface(surface, job.finish.cutter.radius_mm(), pitch, monitor), outline);
 }
 

@@ -22,7 +22,8 @@ std::optional<Outline> finishing_border(const Job& job, const Outline& outline);
 /// Height of the land, below the lowest place of the lens's border.
 double land_z_mm(const Job& job, const SplineSurface& surface, const Outline& outline);
 
-/// Out of the finishing ball's reach, on a grid fine enough for its fillets.
+/// Out of the finishing ball's reach, on a grid fine enough for its fillets. Throws InputError where the lens is too large for
+/// such a grid.
 ReachableSurface reachable_by_finishing(const Job& job, const SplineSurface& surface, const Outline& outline, const Monitor& monitor = {});
 
 ProfileOptions profile_options(const Job& job, const SplineSurface& surface, const Outline& outline);

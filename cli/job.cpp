@@ -11,6 +11,7 @@
 #include "cli/errors_file.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
+#include "design/core/text.h"
 #include "design/core/toml_table.h"
 #include "machine/connection.h"
 #include "postproc/program.h"
@@ -250,11 +251,25 @@ void read_pass_cutter(TomlTable& table, const fs::path& folder, const fs::path& 
   cutter = read_cutter(file, material_name(material));
   cutter.spindle_rpm = positive(table, "spindle_rpm", cutter.spindle_rpm, 500000);
   cutter.feed_per_tooth_mm = positive(table, "feed_per_tooth_mm", cutter.feed_per_tooth_mm, 5);
+  if (cutter.feed_mm_per_s() * 60 < kLeastFeedMmPerMin) {
+    throw InputError(table.complaint("feed_per_tooth_mm", "with the spindle's speed it makes a feed of " + compact(cutter.feed_mm_per_s() * 60, 6) + " mm/min; at least " +
+                                                              compact(kLeastFeedMmPerMin, 3) + " are needed, or a pass takes weeks"));
+  }
+}
+
+double feed_mm_per_s(TomlTable& table, std::string_view key, double fallback_mm_per_s) {
+  const double feed = table.number(key, fallback_mm_per_s * 60);
+  if (!(feed >= kLeastFeedMmPerMin * (1 - 1e-9) && feed <= 1e5)) {
+    throw InputError(table.complaint(key, "must be from " + compact(kLeastFeedMmPerMin, 3) + " to 100000 mm/min; slower, a pass takes weeks"));
+  }
+  return feed / 60;
 }
 
 template <class Options>
-void read_feed_limits(TomlTable& table, Options& o) {
-  o.max_feed_mm_per_s = positive(table, "max_feed_mm_per_min", o.max_feed_mm_per_s * 60, 1e5) / 60;
+void read_motion(TomlTable& table, Options& o) {
+  o.link_feed_mm_per_s = feed_mm_per_s(table, "link_feed_mm_per_min", o.link_feed_mm_per_s);
+  o.max_feed_mm_per_s = feed_mm_per_s(table, "max_feed_mm_per_min", o.max_feed_mm_per_s);
+  o.clearance_mm = table.number_in("clearance_mm", o.clearance_mm, 0.5, 500);
   o.acceleration_mm_per_s2 = table.number_in("acceleration_mm_per_s2", o.acceleration_mm_per_s2, 1, 1e6);
 }
 
@@ -264,14 +279,13 @@ void read_rough(TomlTable table, const fs::path& folder, Job& job) {
   only_choice(table, "axis", {"vertical", "fixed", "lead_tilt"});
   RoughOptions& o = pass.options;
   o.allowance_mm = table.number_in("allowance_mm", o.allowance_mm, 0.01, 10);
-  o.stepdown_mm = positive(table, "stepdown_mm", o.stepdown_mm, 50);
-  o.stepover_mm = positive(table, "stepover_mm", o.stepover_mm, 50);
+  // A level and a line take time and memory each.
+  o.stepdown_mm = table.number_in("stepdown_mm", o.stepdown_mm, 0.05, 50);
+  o.stepover_mm = table.number_in("stepover_mm", o.stepover_mm, 0.1, 50);
   if (o.stepover_mm > pass.cutter.diameter_mm) {
     throw InputError(table.complaint("stepover_mm", "must be at most the cutter's diameter, " + std::to_string(pass.cutter.diameter_mm) + " mm"));
   }
-  o.link_feed_mm_per_s = positive(table, "link_feed_mm_per_min", o.link_feed_mm_per_s * 60, 1e5) / 60;
-  read_feed_limits(table, o);
-  o.clearance_mm = positive(table, "clearance_mm", o.clearance_mm, 500);
+  read_motion(table, o);
 }
 
 void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fallback, const std::string& material, BallPass& pass) {
@@ -297,10 +311,8 @@ void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fal
   o.tilt_rad = kDegree * table.number_in("tilt_deg", o.tilt_rad / kDegree, 0, 80);
   o.tilt_direction_rad = kDegree * table.number_in("tilt_direction_deg", o.tilt_direction_rad / kDegree, -360, 360);
   o.chord_tolerance_mm = table.number_in("chord_tolerance_um", o.chord_tolerance_mm * 1000, 0.001, 1000) / 1000;
-  o.longest_segment_mm = positive(table, "longest_segment_mm", o.longest_segment_mm, 100);
-  o.link_feed_mm_per_s = positive(table, "link_feed_mm_per_min", o.link_feed_mm_per_s * 60, 1e5) / 60;
-  read_feed_limits(table, o);
-  o.clearance_mm = positive(table, "clearance_mm", o.clearance_mm, 500);
+  o.longest_segment_mm = table.number_in("longest_segment_mm", o.longest_segment_mm, 0.01, 100);
+  read_motion(table, o);
 }
 
 void read_rest(TomlTable table, const fs::path& folder, Job& job) {

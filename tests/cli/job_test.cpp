@@ -55,7 +55,7 @@ TEST(Job, ResolvedJobReadsBackAsItself) {
       "[light]\nangular_diameter_deg = 0.53\n[receiver]\ndistance_mm = 217.3\nviewed_from = \"behind\"\n"
       "[transport]\nsamples = 1234\nseed = 7\nl1_tolerance = 3e-5\n"
       "[surface]\nmesh = 77\nheight_tolerance_um = 0.07\nweights = { flux = 0, smoothness = 3e-6 }\n"
-      "[stock]\nheight_mm = 21.3\nallowance_mm = 0.9\nmaterial = \"glass\"\nkeep_outs = [[-60, -5, 0, -50.5, 5, 20], [50.5, -5, 0, 60, 5, 21]]\n"
+      "[stock]\nheight_mm = 21.3\nallowance_mm = 0.9\nmaterial = \"PMMA, extruded\"\nkeep_outs = [[-60, -5, 0, -50.5, 5, 20], [50.5, -5, 0, 60, 5, 21]]\n"
       "[rough]\nallowance_mm = 0.41\nlink_feed_mm_per_min = 777\n[semi_finish]\ncusp_um = 7\nstrategy = \"zig_zag\"\nangle_deg = 33\nmax_feed_mm_per_min = 1234\nacceleration_mm_per_s2 = 777\n"
       "[profile]\ntabs = 3\n[finish]\naxis = \"lead_tilt\"\ntilt_deg = 23\ntilt_direction_deg = 77\nchord_tolerance_um = 0.07\nfeed_per_tooth_mm = 0.017\n"
       "[solid]\nfiner_creases = true\n[machine]\nworkpiece_origin_mm = [12, -7, 3.3]\nwork_offset = 57\n[controller]\ndecimals = 4\nblock_numbers = true\n"
