@@ -102,7 +102,7 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
                                    deviation.gouge_place_mm, deviation.max_gouge_um));
   }
   if (deviation.max_cusp_um > job.dry_run.cusp_limit_um) {
-    faults.push_back(surface_fault("cusp", "material stands " + fixed(deviation.max_cusp_um, 2) + " um above the design at " +
+    faults.push_back(surface_fault("cusp", "material stands " + fixed(deviation.max_cusp_um, 2) + " um above the design, along its normal, at " +
                                    place(deviation.cusp_place_mm) + " where the ball can reach; " + compact(job.dry_run.cusp_limit_um, 3) +
                                    " um are promised", deviation.cusp_place_mm, deviation.max_cusp_um));
   }

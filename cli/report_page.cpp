@@ -349,7 +349,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   }
   figures.group("Dry run");
   figures.row("/dry_run/max_gouge_um", "deepest gouge", "µm", 2, job.dry_run.gouge_tolerance_um);
-  figures.row("/dry_run/max_cusp_um", "highest cusp where the ball reaches", "µm", 2, job.dry_run.cusp_limit_um);
+  figures.row("/dry_run/max_cusp_um", "highest cusp where the ball reaches, along the normal", "µm", 2, job.dry_run.cusp_limit_um);
   figures.row("/dry_run/p99_cusp_um", "99 % of cusps are below", "µm", 2);
   figures.row("/dry_run/cusp_blur_mm", "blur that the planned cusps leave after the polish (model)", "mm", 3);
   figures.row("/dry_run/residue_um", "material left where it does not reach", "µm", 1);

@@ -78,7 +78,8 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
           for (int i = 0; i < width; ++i) {
             const double x = machined.extent.min.x() + machined.pitch_mm * i;
             const std::size_t node = machined.heights_mm.index(i, j);
-            const double design_height = design.height(x, y);
+            const SplineSurface::Sample there = design.sample(x, y);
+            const double design_height = there.h;
             const double node_height = machined.heights_mm.values[node];
             result.deviation_um.values[node] = static_cast<float>((node_height - design_height) * 1000);
             if (within && !within->contains({x, y})) {
@@ -110,9 +111,11 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
             if (gouge > options.gouge_tolerance_um) ++m.gouged;
             const double peak = (machined.peaks_mm.values[node] - design_height) * 1000;
             if (residue < reachable.threshold_um) {
-              cusps[node] = static_cast<float>(std::max(peak, 0.0));
-              if (peak > m.cusp) {
-                m.cusp = peak;
+              // Along the normal, as a cusp is meant.
+              const double cusp = peak / std::sqrt(1 + there.hx * there.hx + there.hy * there.hy);
+              cusps[node] = static_cast<float>(std::max(cusp, 0.0));
+              if (cusp > m.cusp) {
+                m.cusp = cusp;
                 m.cusp_place = {x, y};
               }
             } else {

@@ -25,7 +25,7 @@ struct Deviation {
   double max_gouge_um = 0;           ///< deepest below the reachable surface
   Vec2 gouge_place_mm = Vec2::Zero();
   double gouged_area_mm2 = 0;        ///< deeper than the tolerance
-  double max_cusp_um = 0;            ///< highest peak above the design where the surface is reachable
+  double max_cusp_um = 0;            ///< highest peak over the design, along its normal, where the surface is reachable
   Vec2 cusp_place_mm = Vec2::Zero();
   double p99_cusp_um = 0;            ///< of the nodes where the surface is reachable, each with its cell's peak
   double residue_um = 0;             ///< highest above the design where it is not reachable
