@@ -137,7 +137,9 @@ void write_step(const std::filesystem::path& path, const TopoDS_Shape& shape, co
   }
   APIHeaderSection_MakeHeader header(Handle(StepData_StepModel)::DownCast(model));
   header.SetName(name);
-  if (!options.author.empty()) header.SetAuthorValue(1, text(options.author));
+  // Empty where unknown, as the standard has it, not OpenCASCADE's own placeholders.
+  header.SetAuthorValue(1, text(options.author));
+  header.SetOrganizationValue(1, text(""));
   header.SetOriginatingSystem(text("lightmill"));
   if (writer.Write(path.c_str()) != IFSelect_RetDone) throw IoError("cannot write STEP file " + path.string());
 }

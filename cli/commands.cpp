@@ -100,13 +100,21 @@ void print_summary(const RunFolder& folder, Progress& progress) {
     progress.say("design:   caustic error " + figure("/design/caustic/l1_error", 3) + " (l1), " + figure("/design/caustic/psnr_db", 1) +
                  " dB; relief " + figure("/design/surface/height_range_mm", 2) + " mm");
   }
+  // Every pass there is, the rest pass and the cut-out among them.
+  const auto each_pass = [&](const std::string& room, const char* key, int decimals) {
+    std::string text;
+    for (const char* pass : kPassNames) {
+      const std::string at = "/" + room + "/" + pass + key;
+      if (report.contains(json::json_pointer(at))) text += (text.empty() ? "" : ", ") + std::string(pass) + " " + figure(at.c_str(), decimals);
+    }
+    return text;
+  };
   if (report.contains("/cam/finish"_json_pointer)) {
-    progress.say("cam:      blank " + figure("/cam/blank/height_mm", 1) + " mm high; " +
-                 (report.contains("/cam/rough/minutes"_json_pointer) ? "rough " + figure("/cam/rough/minutes", 1) : "nothing to rough") + ", semi-finish " + figure("/cam/semi_finish/minutes", 1) + ", finish " + figure("/cam/finish/minutes", 1) + " minutes");
+    progress.say("cam:      blank " + figure("/cam/blank/height_mm", 1) + " mm high; minutes: " + (report.contains("/cam/rough/minutes"_json_pointer) ? "" : "nothing to rough, ") +
+                 each_pass("cam", "/minutes", 1));
   }
   if (report.contains("/postproc/finish"_json_pointer)) {
-    progress.say("programs: " + figure("/postproc/rough/blocks", 0) + " + " + figure("/postproc/semi_finish/blocks", 0) + " + " +
-                 figure("/postproc/finish/blocks", 0) + " blocks in " + folder.file("program").string());
+    progress.say("programs: blocks: " + each_pass("postproc", "/blocks", 0) + " in " + folder.file("program").string());
   }
   if (report.contains("/dry_run/faults"_json_pointer)) {
     progress.say("dry run:  gouge " + figure("/dry_run/max_gouge_um", 2) + " um, cusp " + figure("/dry_run/max_cusp_um", 2) +

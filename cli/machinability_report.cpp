@@ -189,7 +189,7 @@ std::string machinability_text(const json& m, const json& creases, const json& c
                      " times the path");
   }
   for (const char* pass : kPassNames) {
-    if (cam.contains(pass)) text += line(pass, pass_text(cam.at(pass)));
+    if (cam.contains(pass) && cam.at(pass).contains("minutes")) text += line(pass, pass_text(cam.at(pass)));
   }
   for (const json& refusal : m.at("refusals")) text += line("cannot be milled", refusal.get<std::string>());
   return text;
