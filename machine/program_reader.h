@@ -43,7 +43,7 @@ struct ProgramStep {
   double seconds = 0;       ///< kMove: at the programmed feed (0: rapid); kDwell
   double corner_tolerance_mm = -1;  ///< kMove: how far the tip may leave its end; 0: not at all; below 0: as the control does
   bool exact_stop = false;  ///< kMove: stands at its end
-  int number = 0;           ///< tool; spindle 3, 4, 5; coolant 7, 8, 9
+  int number = 0;           ///< tool; spindle 3, 4, 5; coolant 7, 8, 9; kMove: the tool whose length an H has called, 0: none has
   double rpm = 0;
 };
 

@@ -137,6 +137,7 @@ class Runner {
   void change_tool(const ProgramStep& step) {
     cutting_ = false;
     rpm_ = 0;
+    told_length_of_ = 0;
     const auto found = std::find_if(setup_.cutters.begin(), setup_.cutters.end(),
                                     [&](const Cutter& cutter) { return cutter.number == step.number; });
     tool_ = found == setup_.cutters.end() ? nullptr : &*found;
@@ -178,6 +179,7 @@ class Runner {
       told_no_tool_ = true;
       add_fault("no_tool", step.line, "a feed move without a tool in the spindle");
     }
+    if (tool_ != nullptr && !step.rapid) check_length(step);
     const double rounding = step.corner_tolerance_mm;
     if (!step.rapid && std::isfinite(rounding) && rounding > kMostRounding_mm && rounding != told_rounding_mm_) {
       told_rounding_mm_ = rounding;
@@ -194,6 +196,18 @@ class Runner {
     timer_.move(motion, pieces_.front(), pieces_.back());
     if (on_motion_) on_motion_(motion);
     if (tool_ != nullptr) stock_.move(pieces_);
+  }
+
+  /// The length in force is the spindle's tool's, where a word of its own calls it.
+  void check_length(const ProgramStep& step) {
+    if (step.number == 0 || step.number == tool_->number || step.number == told_length_of_) return;
+    told_length_of_ = step.number;
+    const double off = reader_.tool_length_mm.at(step.number) - tool_->length_mm;
+    const std::string number = std::to_string(tool_->number), of = std::to_string(step.number);
+    add_fault("wrong_tool", step.line,
+              "cuts with tool " + number + " ('" + tool_->name + "') at the length of tool " + of + " (H" + of + "), its tip " + compact(std::abs(off), 3) +
+                  " mm too " + (off >= 0 ? "high" : "low") + "; write H" + number + ", or T" + of + " if that tool is meant")
+        .amount_mm = std::abs(off);
   }
 
   [[nodiscard]] double axis_seconds(std::size_t axis, double from, double to) const {
@@ -243,6 +257,7 @@ class Runner {
   AxisValues at_{};
   const Cutter* tool_ = nullptr;
   bool cutting_ = false, told_no_tool_ = false;
+  int told_length_of_ = 0;
   double rpm_ = 0, at_speed_s_ = 0;
   double told_rounding_mm_ = 0;
   double stood_s_ = 0;

@@ -102,6 +102,7 @@ void ReaderCore::pass(const AxisValues& to, bool rapid, double seconds, bool who
   step.tcp = tcp_;
   step.seconds = seconds;
   step.corner_tolerance_mm = corner_tolerance_mm;
+  step.number = length_of;
   int pieces = 1;
   const double turn = std::abs(to[3] - here_[3]) + std::abs(to[4] - here_[4]);
   const AxisValues from = here_;

@@ -88,6 +88,7 @@ class ReaderCore {
   // How corners are passed, for the moves to come (ProgramStep).
   double corner_tolerance_mm = -1;
   bool exact_stop = false;
+  int length_of = 0;  ///< the tool whose length a word of its own has called
   const ReaderSetup& setup;
   const MachineModel& machine;
 

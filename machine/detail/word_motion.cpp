@@ -49,11 +49,13 @@ bool WordReader::set_length(int tenths) {
   if (tenths == 490) {
     core_.set_tcp(false);
     core_.set_length(0);
+    core_.length_of = 0;
     directions_ = false;
     return false;
   }
   if (tenths == 431) {
     core_.set_length(need('Z', "G43.1") * unit_);
+    core_.length_of = 0;
     return true;
   }
   double h = tool_;
@@ -64,6 +66,7 @@ bool WordReader::set_length(int tenths) {
   if (h != std::floor(h) || h < 0 || h > 99999) reject(column_of('H'), "H names a tool");
   const double length = core_.tool_length(static_cast<int>(h), column_of('H'));
   core_.set_length(tenths == 432 ? core_.length_mm() + length : length);
+  if (tenths != 432) core_.length_of = static_cast<int>(h);  // G43.2 adds what has worn
   directions_ = tenths == 435;
   if (fanuc_) core_.set_tcp(tenths >= 434);
   return false;

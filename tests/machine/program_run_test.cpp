@@ -131,6 +131,35 @@ TEST(RunPrograms, DogLegsAreSeenAndPlannedFor) {
   }
 }
 
+// Where H is a number of its own it can be another tool's than the spindle's: said at the first feed, once, with what is off.
+TEST(RunPrograms, TheLengthOfAnotherToolIsAFault) {
+  for (const char* controller : {"linuxcnc", "fanuc"}) {
+    Shop shop = shop_for(controller);
+    const int number = shop.setup.cutters.front().number;
+    Cutter other = test::ball();
+    other.number = number + 4;
+    other.name = "a longer ball";
+    other.length_mm += 0.5;
+    shop.setup.cutters.push_back(other);
+    const std::string right = " H" + std::to_string(number), wrong = " H" + std::to_string(other.number);
+    for (const bool length : {true, false}) {
+      const std::string tool = "T" + std::to_string(number) + " M6", another = "T" + std::to_string(other.number) + " M6";
+      const ProgramRun found = length ? run(shop, rows(false), false, right, wrong) : run(shop, rows(false), false, tool, another);
+      std::vector<Fault> faults;
+      for (const Fault& fault : found.faults) {
+        if (fault.kind == "wrong_tool") faults.push_back(fault);
+      }
+      ASSERT_EQ(faults.size(), 1U) << controller;
+      EXPECT_EQ(faults[0].program.substr(0, 2), "30") << faults[0].program;
+      EXPECT_GT(faults[0].line, 5);
+      EXPECT_NEAR(faults[0].amount_mm, 0.5, 1e-9);
+      EXPECT_NE(faults[0].message.find(length ? "0.5 mm too high; write H" : "0.5 mm too low; write H"), std::string::npos) << faults[0].message;
+      EXPECT_LT(faults[0].place_mm.norm(), 60) << "over the work";
+    }
+    EXPECT_TRUE(run(shop, rows(false), false).faults.empty());
+  }
+}
+
 TEST(RunPrograms, FaultsAreFoundInTheText) {
   const Shop shop = shop_for("heidenhain");
   const auto kind = [](const ProgramRun& result) {
