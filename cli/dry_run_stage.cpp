@@ -173,6 +173,10 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   report["p99_cusp_um"] = deviation.p99_cusp_um;
   report["residue_um"] = deviation.residue_um;
   report["unreachable_area_mm2"] = deviation.unreachable_area_mm2;
+  report["gouged_area_mm2"] = deviation.gouged_area_mm2;
+  const DeviationHistogram& histogram = deviation.histogram;
+  report["deviation_histogram"] = {{"first_um", histogram.first_um}, {"bin_um", histogram.bin_um}, {"area_mm2", histogram.area_mm2},
+                                   {"below_mm2", histogram.below_mm2}, {"above_mm2", histogram.above_mm2}};
   report["gouge_place_mm"] = {deviation.gouge_place_mm.x(), deviation.gouge_place_mm.y()};
   report["cusp_place_mm"] = {deviation.cusp_place_mm.x(), deviation.cusp_place_mm.y()};
   report["deviation_picture_range_um"] = range;

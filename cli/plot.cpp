@@ -111,6 +111,26 @@ std::string line_plot(const std::vector<PlotLine>& lines, const PlotAxes& axes) 
   return svg + "</svg>";
 }
 
+std::string histogram_plot(double first, double width, const std::vector<double>& values, const PlotAxes& axes) {
+  if (values.empty()) return "";
+  constexpr double kWidth = 860, kHeight = 400, kLeft = 70, kRight = 20, kTop = 20, kBottom = 52;
+  const double last = first + width * static_cast<double>(values.size());
+  const Scale across{first, last, false}, up = scale_of(values, false);
+  const auto px = [&](double v) { return kLeft + across.share(v) * (kWidth - kLeft - kRight); };
+  const auto py = [&](double v) { return kHeight - kBottom - up.share(v) * (kHeight - kTop - kBottom); };
+  std::string svg = "<svg viewBox=\"0 0 " + at(kWidth) + " " + at(kHeight) + "\">\n";
+  for (const double v : up.ticks()) svg += stroke(kLeft, py(v), kWidth - kRight, py(v), "#e4e8ed", 1) + text(kLeft - 8, py(v) + 4, compact(v, 4), "end");
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    const double from = first + width * static_cast<double>(k);
+    svg += "<rect x=\"" + at(px(from)) + "\" y=\"" + at(py(values[k])) + "\" width=\"" + at(px(from + width) - px(from)) + "\" height=\"" +
+           at(py(0) - py(values[k])) + "\" fill=\"" + (from + width / 2 < 0 ? "#2166ac" : "#b2182b") + "\" stroke=\"#fff\" stroke-width=\"0.5\"/>\n";
+  }
+  for (const double v : across.ticks()) svg += stroke(px(v), py(0), px(v), py(0) + 5, "#5b6675", 1) + text(px(v), kHeight - kBottom + 20, compact(v, 3), "middle");
+  svg += stroke(kLeft, py(0), kWidth - kRight, py(0), "#5b6675", 1) + text((kLeft + kWidth - kRight) / 2, kHeight - 10, axes.across, "middle");
+  svg += text(0, 0, axes.up, "middle", " transform=\"translate(18 " + at((kTop + kHeight - kBottom) / 2) + ") rotate(-90)\"");
+  return svg + "</svg>";
+}
+
 std::string bar_plot(const std::vector<PlotBar>& bars, const std::string& title) {
   if (bars.empty()) return "";
   constexpr double kWidth = 860, kLeft = 330, kRight = 80, kTop = 40, kRow = 26;

@@ -18,6 +18,9 @@ struct PlotAxes {
 /// Lines with their names beside them; the ordinate begins at 0 unless it is logarithmic.
 std::string line_plot(const std::vector<PlotLine>& lines, const PlotAxes& axes);
 
+/// Upright bars side by side, bar k from first + k width on; blue below zero, red above.
+std::string histogram_plot(double first, double width, const std::vector<double>& values, const PlotAxes& axes);
+
 struct PlotBar {
   std::string name;
   double value = 0;

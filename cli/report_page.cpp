@@ -7,6 +7,7 @@
 #include "cli/fault_files.h"
 #include "cli/machinability_report.h"
 #include "cli/pages.h"
+#include "cli/plot.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
@@ -112,6 +113,15 @@ std::string picture(const RunFolder& folder, const std::string& relative, const 
   if (!std::filesystem::exists(folder.file(relative), error)) return "";
   return "<figure" + std::string(light ? " class=light" : "") + "><a href=\"" + relative + "\"><img src=\"" + relative + "\" alt=\"" +
          escaped(title) + "\"></a><figcaption><b>" + escaped(title) + "</b>" + escaped(caption) + "</figcaption></figure>\n";
+}
+
+std::string deviation_histogram(const json& report) {
+  const json histogram = report.value("/dry_run/deviation_histogram"_json_pointer, json::object());
+  const std::vector<double> areas = histogram.value("area_mm2", std::vector<double>());
+  if (areas.empty()) return "";
+  return "<figure>" + histogram_plot(histogram.at("first_um"), histogram.at("bin_um"), areas, {"milled minus reachable, µm", "mm² in " + compact(histogram.at("bin_um"), 2) + " µm"}) +
+         "<figcaption><b>Milled minus reachable, by area</b>beyond the picture: " + fixed(histogram.at("below_mm2").get<double>(), 3) + " mm² below, " +
+         fixed(histogram.at("above_mm2").get<double>(), 3) + " mm² above</figcaption></figure>\n";
 }
 
 std::string number_at(const json& report, const char* pointer, int decimals) {
@@ -283,6 +293,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   const std::string range = number_at(report, "/dry_run/deviation_picture_range_um", 1);
   html += picture(folder, "dry_run/deviation.png", "Milled minus designed",
                   "red: material left, blue: material missing; full colour at " + range + " µm; strongest value per pixel");
+  html += deviation_histogram(report);
   html += picture(folder, "cam/fit_height.png", "Spline minus mesh", "height at the vertices; the lines are creases, which a smooth surface rounds");
   html += picture(folder, "cam/fit_normal.png", "Spline against mesh, normals", "angle at the vertices, which the light sees");
   html += picture(folder, "cam/caustic_reachable.png", "Light through what the ball reaches", caustic_caption(report, "/cam/reachable/caustic"), true);
@@ -349,6 +360,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   }
   figures.group("Dry run");
   figures.row("/dry_run/max_gouge_um", "deepest gouge", "µm", 2, job.dry_run.gouge_tolerance_um);
+  figures.row("/dry_run/gouged_area_mm2", "area gouged deeper than that limit", "mm²", 3, 0.0);
   figures.row("/dry_run/max_cusp_um", "highest cusp where the ball reaches, along the normal", "µm", 2, job.dry_run.cusp_limit_um);
   figures.row("/dry_run/p99_cusp_um", "99 % of cusps are below", "µm", 2);
   figures.row("/dry_run/cusp_blur_mm", "blur that the planned cusps leave after the polish (model)", "mm", 3);

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -24,6 +25,50 @@ constexpr double kOutlineRim_mm = 0.02;
 /// Cusps are counted in bins for their percentile.
 constexpr double kCuspBin_um = 0.001;
 constexpr int kCuspBins = 100000;
+
+/// Heights over the reachable surface are counted as finely and as far to either side of it; what is beyond counts as there.
+constexpr double kHeightBin_um = 0.05;
+constexpr int kHeightBins = 20000;
+/// The histogram leaves out this share of the area at either end, and has as many bins at most.
+constexpr double kOuterShare = 1e-3;
+constexpr double kMostHistogramBins = 60;
+
+/// Area by height over the reachable surface in bins of kHeightBin_um; the one of zero is number kHeightBins.
+using HeightAreas = std::vector<double>;
+
+void add_area(HeightAreas& areas, double height_um, double area_mm2) {
+  const double bin = std::clamp(std::floor(height_um / kHeightBin_um), -1.0 * kHeightBins, kHeightBins - 1.0);
+  areas[static_cast<std::size_t>(bin + kHeightBins)] += area_mm2;
+}
+
+/// In the narrowest bins of 1, 2 or 5 times a power of ten that are few enough.
+DeviationHistogram histogram_of(const HeightAreas& fine) {
+  DeviationHistogram histogram;
+  const double outer = kOuterShare * std::accumulate(fine.begin(), fine.end(), 0.0);
+  if (outer <= 0) return histogram;
+  const int last = 2 * kHeightBins - 1;
+  int low = 0, high = last;
+  for (double below = fine[low]; below <= outer; below += fine[++low]) {
+  }
+  for (double above = fine[high]; above <= outer; above += fine[--high]) {
+  }
+  int merged = 1;  // fine bins in one
+  for (const int step : {1, 2, 4, 10, 20, 40, 100, 200, 400, 1000}) {
+    merged = step;
+    if (high - low + 1 <= (kMostHistogramBins - 1) * merged) break;
+  }
+  // Zero stays an edge.
+  const auto edge = [&](int bin) { return static_cast<int>(std::floor(static_cast<double>(bin - kHeightBins) / merged)); };
+  histogram.bin_um = merged * kHeightBin_um;
+  histogram.first_um = edge(low) * histogram.bin_um;
+  histogram.area_mm2.assign(edge(high) - edge(low) + 1, 0);
+  for (int bin = 0; bin <= last; ++bin) {
+    if (edge(bin) < edge(low)) histogram.below_mm2 += fine[bin];
+    else if (edge(bin) > edge(high)) histogram.above_mm2 += fine[bin];
+    else histogram.area_mm2[edge(bin) - edge(low)] += fine[bin];
+  }
+  return histogram;
+}
 
 struct Measures {
   double gouge = 0, cusp = 0, residue = 0;
@@ -66,12 +111,20 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
   std::vector<Measures> measures(blocks);
   std::vector<float> cusps(machined.peaks_mm.values.size(), -1.0F);  // of reachable nodes
   constexpr std::size_t kBlocksPerReport = 16;
+  HeightAreas heights(2 * kHeightBins);
+  std::vector<HeightAreas> block_heights(std::min(kBlocksPerReport, blocks));
+  // What a node stands for of a line of them: half as much at the rim.
+  const auto share = [&](double at, double least, double most) {
+    return std::clamp(std::min(at + machined.pitch_mm / 2, most) - std::max(at - machined.pitch_mm / 2, least), 0.0, machined.pitch_mm);
+  };
   for (std::size_t first = 0; first < blocks; first += kBlocksPerReport) {
     monitor.report("comparing with the design", static_cast<double>(first) / blocks);
     const std::size_t count = std::min(kBlocksPerReport, blocks - first);
     parallel_blocks(count, 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t block = first + begin; block < first + end; ++block) {
         Measures& m = measures[block];
+        HeightAreas& areas = block_heights[block - first];
+        areas.assign(heights.size(), 0);
         const int j_end = static_cast<int>(std::min<std::size_t>((block + 1) * kRows, height));
         for (int j = static_cast<int>(block * kRows); j < j_end; ++j) {
           const double y = machined.extent.min.y() + machined.pitch_mm * j;
@@ -104,6 +157,7 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
                          std::max(reachable.residue_um.at(ia, jb1), reachable.residue_um.at(ia1, jb1)));
             const bool cut_again = options.rest_pass && residue >= reachable.threshold_um;
             const double gouge = ((cut_again ? design_height : std::max(closed, design_height)) - node_height) * 1000;
+            add_area(areas, -gouge, share(x, measured.min.x(), measured.max.x()) * share(y, measured.min.y(), measured.max.y()));
             if (gouge > m.gouge) {
               m.gouge = gouge;
               m.gouge_place = {x, y};
@@ -125,7 +179,11 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
         }
       }
     });
+    for (std::size_t k = 0; k < count; ++k) {
+      std::transform(heights.begin(), heights.end(), block_heights[k].begin(), heights.begin(), std::plus<>());
+    }
   }
+  result.histogram = histogram_of(heights);
   std::size_t gouged = 0;
   for (const Measures& m : measures) {
     gouged += m.gouged;

@@ -19,6 +19,14 @@ struct DeviationOptions {
   std::optional<Outline> outline = {};  ///< only within it is measured, but for a rim of at most 0.1 mm; empty: everywhere
 };
 
+/// Area (seen from above) by height over the reachable surface: bin k has what stands from first_um + k bin_um on, bin_um wide. It
+/// spans all but the outer thousandths, which are `below` and `above`.
+struct DeviationHistogram {
+  double first_um = 0, bin_um = 0;
+  std::vector<double> area_mm2;
+  double below_mm2 = 0, above_mm2 = 0;
+};
+
 /// Machined minus design, micrometres, positive where material is left.
 struct Deviation {
   Grid<float> deviation_um;          ///< at the machined surface's nodes
@@ -29,6 +37,7 @@ struct Deviation {
   Vec2 cusp_place_mm = Vec2::Zero();
   double p99_cusp_um = 0;            ///< of the nodes where the surface is reachable, each with its cell's peak
   double residue_um = 0;             ///< highest above the design where it is not reachable
+  DeviationHistogram histogram;      ///< of all that is measured
   double unreachable_area_mm2 = 0;   ///< closing differs from the design (concave creases sharper than the ball)
 };
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numeric>
 #include <random>
 
 #include "design/core/errors.h"
@@ -87,6 +88,45 @@ TEST(Deviation, FindsAGougeAndACuspWithPlaceAndSize) {
   EXPECT_LT(within.max_gouge_um, 0.02);
   EXPECT_NEAR(within.max_cusp_um, 1, 0.02);
   EXPECT_EQ(within.deviation_um.values, deviation.deviation_um.values);
+}
+
+double sum(const DeviationHistogram& h) {
+  return std::accumulate(h.area_mm2.begin(), h.area_mm2.end(), h.below_mm2 + h.above_mm2);
+}
+
+// Its bins hold all of the area, each height where it belongs: a plane with a quarter of it 2.2 um low and another 1.3 um high.
+TEST(Deviation, TheHistogramHoldsTheAreaByHeight) {
+  const Box2 extent{{-4, -2.5}, {4, 2.5}};
+  const SplineSurface design = spline_of(extent, 8, 5, [](double, double) { return 9.0; });
+  MachinedSurface machined = exactly(design, extent, 0.05);
+  const auto area_in = [](const DeviationHistogram& h, double from_um, double to_um) {
+    double area = 0;
+    for (std::size_t k = 0; k < h.area_mm2.size(); ++k) {
+      const double middle = h.first_um + (static_cast<double>(k) + 0.5) * h.bin_um;
+      if (middle > from_um && middle < to_um) area += h.area_mm2[k];
+    }
+    return area;
+  };
+  for (float& height : machined.heights_mm.values) height += 1e-5F;  // off a bin's edge
+  EXPECT_NEAR(sum(measure_deviation(machined, design, {}).histogram), 40, 1e-6);
+  for (int j = 0; j < machined.heights_mm.height; ++j) {
+    for (int i = 0; i < 40; ++i) machined.heights_mm.at(i, j) -= 2.21e-3F;
+    for (int i = 120; i < machined.heights_mm.width; ++i) machined.heights_mm.at(i, j) += 1.31e-3F;
+  }
+  const DeviationHistogram histogram = measure_deviation(machined, design, {}).histogram;
+  EXPECT_NEAR(sum(histogram), 40, 1e-6);
+  EXPECT_LE(histogram.bin_um, 0.1);
+  EXPECT_EQ(std::round(histogram.first_um / histogram.bin_um) * histogram.bin_um, histogram.first_um) << "zero is an edge";
+  EXPECT_NEAR(area_in(histogram, -2.3, -2.1), 10, 0.2) << "a row of nodes";
+  EXPECT_NEAR(area_in(histogram, 1.2, 1.4), 10, 0.2);
+  EXPECT_NEAR(area_in(histogram, -0.1, 0.1), 20, 0.2);
+
+  // What is far off keeps the rest readable, and is not lost.
+  machined.heights_mm.at(80, 50) -= 3;
+  const DeviationHistogram far = measure_deviation(machined, design, {}).histogram;
+  EXPECT_EQ(far.bin_um, histogram.bin_um);
+  EXPECT_NEAR(far.below_mm2, 0.05 * 0.05, 1e-9);
+  EXPECT_NEAR(sum(far), 40, 1e-6);
 }
 
 TEST(Deviation, JudgesAConcaveCreaseByWhatTheBallCanReach) {
