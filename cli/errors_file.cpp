@@ -52,6 +52,7 @@ MachineErrors read_machine_errors(TomlTable& table) {
   if (errors.drift_hours < 0.001) refuse("drift_hours", "must be at least 0.001");
   if (errors.runout_mm < 0) refuse("runout_um", "must not be below 0");
   if (errors.vibration_hz < 0 || errors.vibration_hz > 2000) refuse("vibration_hz", "must be in 0 to 2000");
+  if (!errors.vibration_mm.isZero(0) && errors.vibration_hz == 0) refuse("vibration_hz", "must be above 0 where vibration_um is: say at which frequency");
   errors.seed = static_cast<unsigned>(table.integer_in("seed", 0, 0, 1'000'000'000));
   return errors;
 }

@@ -119,6 +119,7 @@ void check_job(const Job& job) {
                        " mm long, the machine's reach is " + compact(machine.max_tool_length_mm, 3) + " mm (max_tool_length_mm); clamp it shorter by " +
                        compact(cutter.length_mm - machine.max_tool_length_mm, 3) + " mm or choose another cutter");
     }
+    as_it_turns(cutter, job.dry_run.errors);  // refuses errors that leave nothing of it
     if (cutter.spindle_rpm < machine.min_spindle_rpm || cutter.spindle_rpm > machine.max_spindle_rpm) {
       throw InputError(std::string(pass) + ".spindle_rpm = " + compact(cutter.spindle_rpm, 1) + " is out of the machine's range, " +
                        compact(machine.min_spindle_rpm, 1) + " to " + compact(machine.max_spindle_rpm, 1) + "; change it in the job");

@@ -2,6 +2,9 @@
 
 #include <random>
 
+#include "design/core/errors.h"
+#include "design/core/text.h"
+
 namespace lightmill {
 
 bool MachineErrors::moves_the_tip() const {
@@ -27,6 +30,11 @@ DrawnErrors drawn(const MachineErrors& errors) {
 Cutter as_it_turns(Cutter cutter, const MachineErrors& errors) {
   const MachineErrors e = drawn(errors).errors;
   const bool ball = cutter.is_ball();
+  const double least = ball || cutter.corner_radius_mm == 0 ? cutter.radius_mm() : cutter.corner_radius_mm;
+  if (e.tool_radius_mm <= -least) {
+    throw InputError("tool_radius_um = " + compact(e.tool_radius_mm * 1000, 3) + " leaves nothing of the " + compact(least * 1000, 3) + " um " +
+                     (least == cutter.radius_mm() ? "radius" : "corner radius") + " of '" + cutter.name + "'; give how far cutters are off their files, a few um");
+  }
   cutter.diameter_mm += 2 * e.tool_radius_mm;
   if (ball) cutter.corner_radius_mm = cutter.radius_mm();
   else if (cutter.corner_radius_mm > 0) cutter.corner_radius_mm += e.tool_radius_mm;

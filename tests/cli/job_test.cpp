@@ -237,6 +237,13 @@ TEST(Job, WhatIsForeseenButNotThereSaysSo) {
   }
 }
 
+TEST(Job, AVibrationNeedsItsFrequency) {
+  const std::string section = kPicture + "[dry_run]\nerrors.vibration_um = [0, 0, 1]\n";
+  EXPECT_THAT(refusal(section), HasSubstr("vibration_hz"));
+  EXPECT_EQ(read_job_text(section + "errors.vibration_hz = 10\n", "a.toml", "/").dry_run.errors.vibration_hz, 10);
+  EXPECT_EQ(read_job_text(kPicture + "[dry_run]\nerrors.vibration_hz = 10\n", "a.toml", "/").dry_run.errors.vibration_mm.z(), 0);
+}
+
 TEST(Job, ABlurOnTheWallGivesTheCusp) {
   // 1.5 um at 300 mm: 3.3 mm raw, 0.33 mm after a polish of 50 um.
   const Job raw = read_job_text(kPicture + "[finish]\nblur_mm = 3.29\n[dry_run]\npolish_sigma_um = 0\n", "a.toml", "/");

@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "design/core/errors.h"
 #include "machine/kinematics.h"
 #include "machine_rig.h"
 
@@ -132,6 +133,17 @@ TEST(MachineErrors, SeedsDrawSignsAndCuttersGrow) {
   EXPECT_FALSE(off.is_ball());
   EXPECT_NEAR(off.radius_mm(), 2.008, 1e-12);
   EXPECT_NEAR(off.corner_radius_mm, 2.003, 1e-12);
+}
+
+TEST(MachineErrors, ARadiusThatLeavesNothingOfACutterIsRefusedByName) {
+  MachineErrors errors;
+  errors.tool_radius_mm = -3;
+  try {
+    as_it_turns(test::ball(1, 80), errors);
+    FAIL() << "a cutter of less than nothing";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("tool_radius_um = -3000"), std::string::npos) << error.what();
+  }
 }
 
 }  // namespace
