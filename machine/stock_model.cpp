@@ -50,6 +50,7 @@ constexpr double kChip_mm = 5e-3;
 constexpr long kMostFastMoves = 300;
 /// Of faults in all, and the first of every kind and part besides.
 constexpr std::size_t kMostPictures = 12;
+constexpr const char* kSpindleOff = "spindle_off_in_cut";
 /// A fault that has got deeper by this factor is drawn again.
 constexpr double kDrawnAgain = 1.3;
 
@@ -119,6 +120,7 @@ struct StockModel::Impl {
   std::vector<Sweep> sweeps;  ///< not yet cut
   OpenPath path;
   long moves = 0;
+  long turning_move = 0;  ///< the last one with the spindle on
   long fast_moves = 0;  ///< in the cut
   std::vector<Fault> faults;
   std::vector<FaultRun> runs;
@@ -187,11 +189,13 @@ void StockModel::Impl::report(const std::string& kind, const std::string& part, 
                               const std::string& message, const Vec3& place, double amount) {
   const std::string what = kind + "/" + part;
   std::size_t k = runs.size();
-  // The latest run of this kind goes on if this is the same move, the next one, or on the next line.
+  // The latest run of this kind goes on if this is the same move, the next one, or on the next line; with the spindle off until it
+  // turns again.
   for (std::size_t back = runs.size(); back-- > 0;) {
     if (runs[back].what != what || runs[back].tool != piece.tool) continue;
     const long last_line = faults[back].last_line;
-    if (piece.number <= runs[back].last_move + 1 || (piece.move.line >= last_line && piece.move.line <= last_line + 1)) k = back;
+    const bool still_off = kind == kSpindleOff && runs[back].last_move > turning_move;
+    if (still_off || piece.number <= runs[back].last_move + 1 || (piece.move.line >= last_line && piece.move.line <= last_line + 1)) k = back;
     break;
   }
   if (k == runs.size()) {
@@ -533,6 +537,7 @@ void StockModel::Impl::check_feed(const Piece& piece) {
 void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
   const Tool& tool = tools[piece.tool];
   const bool cutting = !piece.move.rapid && piece.move.spindle_on;
+  if (piece.move.spindle_on) turning_move = piece.number;
   if (!cutting) {
     end_path();
     path.open = false;
@@ -576,7 +581,7 @@ void StockModel::Impl::execute(const Piece& piece, const Suspicion& suspicion) {
       }
     } else {
       if (hits.cutter.probe.depth_mm > 0) {
-        report("spindle_off_in_cut", "", piece,
+        report(kSpindleOff, "", piece,
                "feed with the spindle off and the cutter " + hits.cutter.says(), hits.cutter.probe.place_mm, hits.cutter.probe.depth_mm);
       }
       if (hits.others.probe.depth_mm > 0) {
@@ -672,6 +677,7 @@ void StockModel::move(const SweptMove& move) {
 
 void StockModel::flush() {
   impl_->apply();
+  impl_->turning_move = impl_->moves;  // the faults so far are complete
   impl_->end_path();
   impl_->cut_collected();
   if (impl_->solid) impl_->solid->flush();

@@ -48,7 +48,7 @@ class StockModel {
   /// A move of the current cutter: feed moves cut; rapids must not touch. Shank and holder must never touch. Faults are of the
   /// kinds "rapid_in_stock", "spindle_off_in_cut", "collision" (shank, holder or spindle nose in the stock, anything in a keep-out or the table), "table" (below the blank's back)
   /// and "feed" (in the cut at more than three times the cutter's feed per tooth, where that and the speed are known); one that
-  /// repeats on consecutive moves or lines is one entry with a count. Throws InputError before the first set_cutter().
+  /// repeats on consecutive moves or lines, or until the spindle is switched on, is one entry with a count. Throws InputError before the first set_cutter().
   void move(const SweptMove& move);
   /// Applies what is still collected; only then are the faults complete.
   void flush();

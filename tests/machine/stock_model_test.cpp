@@ -56,13 +56,13 @@ void feed(StockModel& model, const Path& path, long first_line = 1, bool spindle
   }
 }
 
-void rapid(StockModel& model, const ToolPose& from, const ToolPose& to, long line) {
+void rapid(StockModel& model, const ToolPose& from, const ToolPose& to, long line, bool spindle_on = true) {
   SweptMove move;
   move.line = line;
   move.from = from;
   move.to = to;
   move.rapid = true;
-  move.spindle_on = true;
+  move.spindle_on = spindle_on;
   model.move(move);
 }
 
@@ -547,6 +547,31 @@ TEST(StockModel, CuttingWithTheSpindleOffIsCaughtAndMovingInAirIsNot) {
   EXPECT_EQ(model.faults()[0].kind, "spindle_off_in_cut");
   EXPECT_EQ(model.faults()[0].line, 3);
   EXPECT_NEAR(model.faults()[0].amount_mm, 0.2, 2e-3);
+}
+
+// One forgotten M3 is one fault, whatever rapids lie between its rows; the next stop of the spindle is another.
+TEST(StockModel, TheSpindleOffIsOneFaultUntilItTurnsAgain) {
+  StockModel model({{10, 8}, 5}, {0.05, 0});
+  model.set_cutter(ball(4));
+  long line = 1;
+  const auto row = [&](double y, double z, bool spindle_on) {
+    feed(model, {{{-9, y, z}, Vec3::UnitZ()}, {{9, y, z}, Vec3::UnitZ()}}, line, spindle_on);
+    rapid(model, {{9, y, z}, Vec3::UnitZ()}, {{9, y, 8}, Vec3::UnitZ()}, line + 2, spindle_on);
+    rapid(model, {{9, y, 8}, Vec3::UnitZ()}, {{-9, y + 2, 8}, Vec3::UnitZ()}, line + 3, spindle_on);
+    line += 10;
+  };
+  row(-3, 4.9, false);
+  row(-1, 4.6, false);
+  row(1, 4.8, false);
+  row(3, 4.8, true);
+  row(-3, 4.5, false);
+  model.flush();
+  ASSERT_EQ(model.faults().size(), 2U);
+  EXPECT_EQ(model.faults()[0].line, 1);
+  EXPECT_NEAR(model.faults()[0].amount_mm, 0.4, 2e-3) << "the worst";
+  EXPECT_NEAR(model.faults()[0].place_mm.y(), -1, 0.1);
+  EXPECT_NE(model.faults()[0].message.find("the worst of 3 moves"), std::string::npos) << model.faults()[0].message;
+  EXPECT_EQ(model.faults()[1].line, 41);
 }
 
 TEST(StockModel, ThePartBelowTheTableIsAFault) {
