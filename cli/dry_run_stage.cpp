@@ -7,6 +7,7 @@
 #include "cli/fault_files.h"
 #include "cli/machined_light.h"
 #include "cli/pictures.h"
+#include "cli/posted_programs.h"
 #include "cli/simulation.h"
 #include "cli/spline_file.h"
 #include "cli/stage_runs.h"
@@ -15,6 +16,7 @@
 #include "design/core/text.h"
 #include "machine/diffraction.h"
 #include "machine/dry_run.h"
+#include "machine/program_trace.h"
 #include "postproc/kinematics.h"
 
 namespace lightmill {
@@ -24,13 +26,65 @@ using nlohmann::json;
 
 namespace {
 
-/// The programs in the order of their names, and a fault for each that is not what the post wrote.
-std::vector<fs::path> programs_of(const RunFolder& folder, std::vector<Fault>& faults) {
+std::vector<fs::path> programs_of(const RunFolder& folder) {
   const std::vector<fs::path> programs = folder.programs();
   if (programs.empty()) throw InputError("no program in " + folder.file("program").string() + "; make them with: lightmill post " + folder.root().string());
+  return programs;
+}
 
+/// The first line that is another one in the two texts, from 1, and what either has there.
+struct Difference {
+  long line = 1;
+  std::string_view here, there;
+};
+Difference first_difference(std::string_view here, std::string_view there) {
+  Difference found;
+  for (;;) {
+    const std::size_t end = here.find('\n'), other_end = there.find('\n');
+    found.here = here.substr(0, end);
+    found.there = there.substr(0, other_end);
+    if (found.here != found.there || end == std::string_view::npos || other_end == std::string_view::npos) return found;
+    here.remove_prefix(end + 1);
+    there.remove_prefix(other_end + 1);
+    ++found.line;
+  }
+}
+
+/// A line of a program for a message: short, and nothing in it that no page can show.
+std::string quoted(std::string_view line) {
+  if (line.empty()) return "nothing";
+  constexpr std::size_t kMost = 60;
+  std::string text(line.substr(0, kMost));
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
+  }
+  return "'" + text + "'";
+}
+
+/// Where a program departs from what the post wrote, which is written once more to be compared. The post's inputs may have changed
+/// since; then it is only known that it does.
+void find_change(Fault& fault, const std::string& text, const Job& job, const RunFolder& folder, const std::string& posted_digest,
+                 const MachineModel& machine, const OperatorSetup& setup) {
+  std::vector<Program> posted;
+  try {
+    posted = posted_programs(job, folder);
+  } catch (const std::runtime_error&) {
+    return;
+  }
+  const auto same = std::find_if(posted.begin(), posted.end(), [&](const Program& p) { return sha256_of_text(p.text) == posted_digest; });
+  if (same == posted.end()) return;
+  const Difference change = first_difference(text, same->text);
+  fault.line = change.line;
+  fault.message = "not what the post wrote, first in this line: " + quoted(change.here) + " for " + quoted(change.there) +
+                  "; write it again with: lightmill post";
+  if (const auto place = place_of_line(machine, setup, job.controller.dialect, text, fault.line)) fault.place_mm = *place;
+}
+
+/// A fault for each program that is not what the post wrote.
+std::vector<Fault> change_faults(const Job& job, const RunFolder& folder, const MachineModel& machine, const OperatorSetup& setup) {
+  std::vector<Fault> faults;
   const json record = folder.record(Stage::kPost);
-  if (record.is_null()) return programs;
+  if (record.is_null()) return faults;
   std::error_code error;
   for (const auto& [name, what] : record["files"].items()) {
     const fs::path path = folder.file(name);
@@ -41,9 +95,10 @@ std::vector<fs::path> programs_of(const RunFolder& folder, std::vector<Fault>& f
     fault.program = path.filename().string();
     fault.message = there ? name + " is not what the post wrote (lines lost or edited); write it again with: lightmill post"
                           : name + " is missing; write it again with: lightmill post";
+    if (there) find_change(fault, read_whole(path), job, folder, what["sha256"], machine, setup);
     faults.push_back(fault);
   }
-  return programs;
+  return faults;
 }
 
 json to_json(const CuspDiffraction& diffraction) {
@@ -54,18 +109,33 @@ json to_json(const CuspDiffraction& diffraction) {
   return {{"phase_rad", diffraction.phase_rad}, {"order_spacing_mm", diffraction.order_spacing_mm}, {"rms_mm", diffraction.rms_mm}, {"orders", orders}};
 }
 
+/// The profile is cut with the roughing mill.
+std::map<std::string, Cutter> planned_cutters(const Job& job) {
+  std::map<std::string, Cutter> cutters = {{"rough", job.rough.cutter}, {"semi_finish", job.semi_finish.cutter}, {"finish", job.finish.cutter}, {"profile", job.rough.cutter}};
+  if (job.rest) cutters["rest"] = job.rest->cutter;
+  return cutters;
+}
+
 /// Left out along the outline: a polish rounds the rim anyway.
 constexpr double kPolishRim_mm = 1;
 
 std::string place(const Vec2& p) { return "x " + fixed(p.x(), 2) + ", y " + fixed(p.y(), 2) + " mm"; }
 
-Fault surface_fault(const std::string& kind, const std::string& message, const Vec2& where, double amount_um) {
+/// A fault of the surface, with the motion that made it.
+Fault surface_fault(const std::string& kind, const std::string& message, double amount_um, const std::optional<Maker>& maker, const Vec2& where) {
   Fault fault;
   fault.kind = kind;
   fault.message = message;
-  fault.place_mm = Vec3(where.x(), where.y(), 0);
   fault.amount_mm = amount_um / 1000;
-  fault.picture = "dry_run/deviation.png";
+  if (maker) {
+    fault.program = maker->program;
+    fault.line = maker->line;
+    fault.place_mm = maker->place_mm;
+    fault.picture = maker->picture;
+  } else {
+    fault.place_mm = Vec3(where.x(), where.y(), 0);
+    fault.picture = "dry_run/deviation.png";
+  }
   return fault;
 }
 
@@ -74,11 +144,13 @@ Fault surface_fault(const std::string& kind, const std::string& message, const V
 StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& monitor, const ShopOverrides& overrides) {
   const auto started = std::chrono::steady_clock::now();
   const SplineSurface design = read_spline(folder.needed("cam/spline.bin", "cam"));
-  std::vector<Fault> faults;
-  const std::vector<fs::path> programs = programs_of(folder, faults);
+  const std::vector<fs::path> programs = programs_of(folder);
 
   const json cam = folder.report().value("cam", json::object());
   const SimulatedShop shop = shop_of(job, folder, overrides);
+  const MachineModel machine = read_machine(shop.machine_file);
+  const OperatorSetup setup = setup_of(shop, machine);
+  std::vector<Fault> faults = change_faults(job, folder, machine, setup);
   // grblHAL is fed over a wire; the other controls run files.
   const SimulationOutcome outcome =
       job.controller.dialect == "grblhal"
@@ -96,15 +168,20 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   const MachinedLight light(job, design, shop.blank);
   deviation_options.outline = light.outline_if_beside();
   const Deviation deviation = measure_deviation(machined, design, deviation_options, monitor.part(0.8, 0.88));
+  const auto maker_at = [&](const Vec2& place_mm) {
+    std::vector<ProgramFile> files;
+    for (const fs::path& program : programs) files.push_back({program.filename().string(), read_whole(program)});
+    return maker_of(machine, setup, job.controller.dialect, files, machined, place_mm);
+  };
   if (deviation.max_gouge_um > job.dry_run.gouge_tolerance_um) {
     faults.push_back(surface_fault("gouge", "cut " + fixed(deviation.max_gouge_um, 2) + " um below the reachable surface at " +
                                    place(deviation.gouge_place_mm) + "; " + compact(job.dry_run.gouge_tolerance_um, 3) + " um are allowed",
-                                   deviation.gouge_place_mm, deviation.max_gouge_um));
+                                   deviation.max_gouge_um, maker_at(deviation.gouge_place_mm), deviation.gouge_place_mm));
   }
   if (deviation.max_cusp_um > job.dry_run.cusp_limit_um) {
     faults.push_back(surface_fault("cusp", "material stands " + fixed(deviation.max_cusp_um, 2) + " um above the design, along its normal, at " +
                                    place(deviation.cusp_place_mm) + " where the ball can reach; " + compact(job.dry_run.cusp_limit_um, 3) +
-                                   " um are promised", deviation.cusp_place_mm, deviation.max_cusp_um));
+                                   " um are promised", deviation.max_cusp_um, maker_at(deviation.cusp_place_mm), deviation.cusp_place_mm));
   }
   const double range = std::clamp(3 * std::max(deviation.p99_cusp_um, 0.5), 1.0, 1000.0);
   write_deviation_picture(folder.file("dry_run/deviation.png"), deviation.deviation_um, range);
@@ -139,11 +216,17 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   }
 
   const json postproc = folder.report().value("postproc", json::object());
-  const json timings = pass_timings(outcome.timing, postproc, read_machine(shop.machine_file));
+  const json timings = pass_timings(outcome.timing, postproc, machine);
+  const auto add_with_places = [&](const std::vector<Fault>& found) {
+    for (const Fault& fault : found) {
+      faults.push_back(fault);
+      const std::string text = read_whole(folder.file("program/" + fault.program));
+      if (const auto place = place_of_line(machine, setup, job.controller.dialect, text, fault.line)) faults.back().place_mm = *place;
+    }
+  };
+  add_with_places(tool_faults(outcome.timing, planned_cutters(job), postproc));
   // A run that stopped early says so by itself.
-  if (outcome.faults.empty()) {
-    for (const Fault& fault : feed_faults(timings, cam, postproc)) faults.push_back(fault);
-  }
+  if (outcome.faults.empty()) add_with_places(feed_faults(timings, cam, postproc));
 
   std::map<std::string, long> kinds;
   for (const Fault& fault : faults) ++kinds[fault.kind];

@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "cli/digest.h"
+#include "cli/posted_programs.h"
 #include "cli/stage_runs.h"
 #include "design/core/files.h"
 #include "postproc/data_rate.h"
@@ -10,30 +11,50 @@ namespace lightmill {
 
 using nlohmann::json;
 
-StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& monitor) {
+namespace {
+
+struct Posting {
+  MachineModel machine;
+  WorkSetup setup;
+  ProgramOptions options;
+  std::vector<AxisMotion> motions;
+};
+
+Posting plan_posting(const Job& job, const RunFolder& folder, const Monitor& monitor) {
   const std::vector<ToolPath> passes = read_toolpaths(folder.needed("cam/toolpaths.bin", "cam"));
-  MachineModel machine = read_machine(job.machine.file);
-  machine.controller = job.controller.dialect;
-  const WorkSetup setup = work_on_table(machine, job.machine.workpiece_origin_mm, job.machine.work_offset);
+  Posting posting;
+  posting.machine = read_machine(job.machine.file);
+  posting.machine.controller = job.controller.dialect;
+  posting.setup = work_on_table(posting.machine, job.machine.workpiece_origin_mm, job.machine.work_offset);
   MotionOptions motion_options;
   motion_options.tip_tolerance_mm = job.controller.tip_tolerance_um / 1000;
-  motion_options.tcp = job.controller.tcp && machine.has_rotary();
-  ProgramOptions options;
+  motion_options.tcp = job.controller.tcp && posting.machine.has_rotary();
+  ProgramOptions& options = posting.options;
   options.decimals = job.controller.decimals;
   options.tcp = job.controller.tcp;
   options.block_numbers = job.controller.block_numbers;
   options.job_name = job.name;
   options.job_hash = making_digest(job).substr(0, 16);
   if (job.controller.arcs) options.arc_tolerance_mm = job.controller.tip_tolerance_um / 1000;
+  for (std::size_t i = 0; i < passes.size(); ++i) {
+    const double share = 1.0 / static_cast<double>(passes.size());
+    posting.motions.push_back(plan_motion(posting.machine, posting.setup, passes[i], motion_options, monitor.part(share * i, share * (i + 1))));
+  }
+  return posting;
+}
 
+}  // namespace
+
+std::vector<Program> posted_programs(const Job& job, const RunFolder& folder) {
+  const Posting posting = plan_posting(job, folder, {});
+  return write_programs(posting.machine, posting.setup, posting.motions, job.controller.one_program, posting.options);
+}
+
+StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& monitor) {
   // All programs first, then the files: a pass that the machine cannot reach leaves no program behind.
   StageResult result;
   json& report = result.report["postproc"];
-  std::vector<AxisMotion> motions;
-  for (std::size_t i = 0; i < passes.size(); ++i) {
-    const double share = 0.7 / static_cast<double>(passes.size());
-    motions.push_back(plan_motion(machine, setup, passes[i], motion_options, monitor.part(share * i, share * (i + 1))));
-  }
+  const auto [machine, setup, options, motions] = plan_posting(job, folder, monitor.part(0, 0.7));
   const std::vector<Program> programs = write_programs(machine, setup, motions, job.controller.one_program, options);
   ProgramOptions straight = options;
   straight.arc_tolerance_mm = 0;

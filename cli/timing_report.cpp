@@ -158,4 +158,32 @@ std::vector<Fault> feed_faults(const json& passes, const json& cam, const json& 
   return faults;
 }
 
+std::vector<Fault> tool_faults(const std::vector<ProgramSection>& sections, const std::map<std::string, Cutter>& cutters,
+                               const json& postproc) {
+  std::vector<Fault> faults;
+  std::map<std::string, std::vector<int>> cut_with;  // by program, in order
+  for (const auto& [program, section] : sections) {
+    if (section.timing.feed_mm == 0 || section.tool == 0) continue;
+    std::vector<std::string> passes;  // the first of each tool
+    for (const std::string& pass : passes_in(program, postproc)) {
+      if (passes.empty() || cutters.at(passes.back()).number != cutters.at(pass).number) passes.push_back(pass);
+    }
+    std::vector<int>& tools = cut_with[program];
+    if (passes.empty() || (!tools.empty() && tools.back() == section.tool)) continue;
+    tools.push_back(section.tool);
+    const std::string& pass = passes[std::min(tools.size(), passes.size()) - 1];
+    const Cutter& planned = cutters.at(pass);
+    if (section.tool == planned.number) continue;
+    const std::string number = std::to_string(planned.number);
+    Fault fault;
+    fault.kind = "wrong_tool";
+    fault.program = program;
+    fault.line = section.line;
+    fault.message = pass + ": cuts with tool " + std::to_string(section.tool) + ", planned is tool " + number + " ('" + planned.name + "'); change to T" +
+                    number + ", or write the program again with: lightmill post";
+    faults.push_back(fault);
+  }
+  return faults;
+}
+
 }  // namespace lightmill

@@ -1,10 +1,12 @@
 // What the planner of the simulated control found out about time, for the report.
 #pragma once
 
+#include <map>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
+#include "cam/cutter.h"
 #include "machine/motion_timing.h"
 #include "postproc/machine_model.h"
 
@@ -28,6 +30,10 @@ nlohmann::json pass_timings(const std::vector<ProgramSection>& sections, const n
 /// A fault "feed" for each pass whose program asks for clearly less or more time at its feeds than was planned: `passes` from
 /// pass_timings(), `cam` and `postproc` from report.json.
 std::vector<Fault> feed_faults(const nlohmann::json& passes, const nlohmann::json& cam, const nlohmann::json& postproc);
+
+/// A fault "wrong_tool" for each tool that cuts in the place of the one that its pass is planned for: `cutters` by pass.
+std::vector<Fault> tool_faults(const std::vector<ProgramSection>& sections, const std::map<std::string, Cutter>& cutters,
+                               const nlohmann::json& postproc);
 
 /// Of all sections, dwells included.
 double total_minutes(const std::vector<ProgramSection>& sections);

@@ -91,7 +91,9 @@ void MotionTimer::finish() {
 void MotionTimer::move(const Motion& motion, const SweptMove& first, const SweptMove& last) {
   // Tool and spindle are changed with the axes standing.
   if (!same_spindle(motion, last_) || motion.stood_s > 0) stand();
-  if (new_section_ || motion.tool != last_.tool) {
+  // The spindle's start parts programs that follow each other on one wire, whose names the control does not know.
+  const bool starts = last_.spindle_rpm == 0 && motion.spindle_rpm > 0;
+  if (new_section_ || motion.tool != last_.tool || starts) {
     end_slow_run();
     sections_.push_back({motion.line, program_, motion.tool, {}});
     new_section_ = false;

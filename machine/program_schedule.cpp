@@ -3,11 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "machine/kinematics.h"
 #include "machine/motion_timing.h"
 #include "machine/program_lines.h"
-#include "machine/program_reader.h"
-#include "machine/program_run.h"
+#include "machine/program_trace.h"
 
 namespace lightmill {
 
@@ -26,7 +24,6 @@ class Collector {
     add(motion.line, motion.stood_s);
     timer_.move(motion, pieces.front(), pieces.back());
   }
-  [[nodiscard]] long number(long count) const { return numbers_[static_cast<std::size_t>(count - 1)]; }
   ProgramSchedule finish() {
     timer_.finish();
     double sum = 0;
@@ -44,61 +41,6 @@ class Collector {
   }
 };
 
-void run_lines(const MachineModel& machine, const OperatorSetup& setup, std::string_view program, Collector& times) {
-  SimulationOptions options;
-  options.remove_stock = false;
-  SimulatedMachine simulated(machine, setup, options);
-  simulated.on_motion = [&](Motion motion, const std::vector<SweptMove>& pieces) {
-    motion.line = times.number(motion.line);
-    times.move(motion, pieces);
-  };
-  for (const ProgramLine& line : program_lines(program)) {
-    simulated.receive(line.text);
-    simulated.receive("\n");
-    simulated.work(1);
-    simulated.receive("~");  // goes on at tool changes and pauses, is nothing elsewhere
-    simulated.take_replies();
-  }
-}
-
-/// As quick as the axes are; above 0, because pieces share a motion's time.
-constexpr double kRapid_s = 1e-6;
-
-JointPosition position(const AxisValues& q) {
-  return {q[0], q[1], q[2], q[3], q[4]};
-}
-
-void run_file(const MachineModel& machine, const OperatorSetup& setup, const std::string& dialect,
-              std::string_view program, Collector& times) {
-  const ReaderSetup reader = reader_setup(machine, setup);
-  WorkpieceView view(machine, setup.workpiece_origin_mm);
-  std::vector<SweptMove> pieces;
-  Motion motion;
-  motion.to = position(reader.start);
-  double length_mm = 0;
-  read_program(program, reader_dialect(dialect), machine, reader, [&](const ProgramStep& step) {
-    if (step.kind == ProgramStep::kDwell) motion.stood_s += step.seconds;
-    if (step.kind == ProgramStep::kSpindle) motion.spindle_rpm = step.number == 5 ? 0 : step.rpm;
-    if (step.kind == ProgramStep::kChangeTool) {
-      motion.tool = step.number;
-      const auto found = reader.tool_length_mm.find(step.number);
-      length_mm = found == reader.tool_length_mm.end() ? 0 : found->second;
-    }
-    if (step.kind != ProgramStep::kMove) return;
-    motion.line = step.line;
-    motion.from = motion.to;
-    motion.to = position(step.target);
-    motion.rapid = step.rapid;
-    motion.seconds = std::max(step.seconds, kRapid_s);
-    motion.corner_tolerance_mm = step.corner_tolerance_mm;
-    motion.exact_stop = step.exact_stop;
-    pieces.clear();
-    view.sweep(motion, length_mm, {}, pieces);
-    times.move(motion, pieces);
-    motion.stood_s = 0;
-  });
-}
-
 }  // namespace
 
 double ProgramSchedule::at(long lines) const {
@@ -109,11 +51,7 @@ double ProgramSchedule::at(long lines) const {
 ProgramSchedule schedule_program(const MachineModel& machine, const OperatorSetup& setup, const std::string& dialect,
                                  std::string_view program) {
   Collector times(machine, program);
-  if (dialect == "grblhal") {
-    run_lines(machine, setup, program, times);
-  } else {
-    run_file(machine, setup, dialect, program, times);
-  }
+  trace_program(machine, setup, dialect, program, [&](const Motion& motion, const std::vector<SweptMove>& pieces) { times.move(motion, pieces); });
   return times.finish();
 }
 

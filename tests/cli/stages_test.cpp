@@ -107,6 +107,10 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   EXPECT_LT(report.at("/cam/reachable/caustic/l1_error"_json_pointer), 0.2) << "before cusps and polish";
   EXPECT_EQ(report.at("/dry_run/link/digest_matches"_json_pointer), true);
   EXPECT_EQ(report.at("/dry_run/cusp_blur_mm"_json_pointer), blur_on_screen_mm(2, 4, 80, 1.49, 0.15)) << "of 4 um, polished with 150 um";
+  double area = report.at("/dry_run/deviation_histogram/below_mm2"_json_pointer).get<double>() + report.at("/dry_run/deviation_histogram/above_mm2"_json_pointer).get<double>();
+  for (const double bin : report.at("/dry_run/deviation_histogram/area_mm2"_json_pointer)) area += bin;
+  EXPECT_NEAR(area, 12 * 10, 1) << "all of the lens";
+  EXPECT_EQ(report.at("/dry_run/gouged_area_mm2"_json_pointer), 0);
   // Every block takes its time: the passes' times are the whole, and longer than what the feeds alone ask for.
   double minutes = 0;
   for (const char* pass : {"rough", "semi_finish", "finish"}) {
@@ -120,6 +124,7 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   const std::string page = slurp(fs::path(run) / "report.html");
   EXPECT_EQ(page.find("http"), std::string::npos) << "no resource from elsewhere";
   EXPECT_THAT(page, HasSubstr("\nconcave creases"));
+  EXPECT_THAT(page, HasSubstr("Milled minus reachable, by area"));
   for (std::size_t at = page.find("src=\""); at != std::string::npos; at = page.find("src=\"", at + 1)) {
     const std::string name = page.substr(at + 5, page.find('"', at + 5) - at - 5);
     EXPECT_TRUE(fs::exists(fs::path(run) / name)) << name;
@@ -310,6 +315,20 @@ TEST(Chain, ADryRunIsNoEcho) {
   spill(run + "/program/30_finish.nc", program.substr(0, line) + program.substr(program.find('\n', line) + 1));
   EXPECT_EQ(stream_code(), 2);
   EXPECT_THAT(expect_fault("a lost block", {}), HasSubstr("program_changed"));
+  const json changed = json::parse(slurp(run + "/dry_run/faults.json"))["faults"][0];
+  EXPECT_EQ(changed["line"], 1 + std::count(program.begin(), program.begin() + static_cast<std::ptrdiff_t>(line), '\n'));
+  EXPECT_GT(changed["place_mm"][2], 3) << "over the lens";
+  EXPECT_THAT(slurp(run + "/" + changed["picture"].get<std::string>()), HasSubstr("fill=\"#fbe3e1\"")) << "the line marked";
+
+  // The semi-finishing ball in the finishing one's place: it is as long and cuts the same way.
+  spill(run + "/program/30_finish.nc", replaced(program, "\nT3 M6", "\nT2 M6"));
+  EXPECT_EQ(expect_fault("a swapped tool", {}), "program_changed wrong_tool ");
+  const json swapped = json::parse(slurp(run + "/dry_run/faults.json"))["faults"][1];
+  EXPECT_EQ(swapped["program"], "30_finish.nc");
+  EXPECT_THAT(swapped["message"].get<std::string>(), HasSubstr("change to T3"));
+  EXPECT_GT(swapped["place_mm"][2], 3);
+  EXPECT_THAT(slurp(run + "/" + swapped["picture"].get<std::string>()), HasSubstr("fill=\"#fbe3e1\"")) << "the line marked";
+
   spill(run + "/program/30_finish.nc", program);
   EXPECT_EQ(lightmill_command({"dry-run", run}).code, 0);
   EXPECT_EQ(lightmill_command({"post", run}).code, 0);
@@ -320,6 +339,13 @@ TEST(Chain, ADryRunIsNoEcho) {
   const std::string resolved = slurp(run + "/job.toml");
   spill(run + "/job.toml", test::replaced(resolved, "errors.tool_radius_um = 0", "errors.tool_radius_um = 20"));
   EXPECT_THAT(expect_fault("a wrong radius", {}), HasSubstr("gouge"));
+  const json gouge = json::parse(slurp(run + "/dry_run/faults.json"))["faults"][0];
+  EXPECT_EQ(gouge["kind"], "gouge");
+  EXPECT_EQ(gouge["program"], "30_finish.nc");
+  EXPECT_GT(gouge["line"], 20);
+  EXPECT_GT(gouge["amount_mm"], 1e-3);
+  EXPECT_NEAR(gouge["place_mm"][2], 4.1, 0.2) << "on the surface";
+  EXPECT_THAT(slurp(run + "/" + gouge["picture"].get<std::string>()), HasSubstr("5 mm")) << "a section";
   spill(run + "/job.toml", resolved);
 
   // A later run that fails leaves no sheet that praises the programs of this one.

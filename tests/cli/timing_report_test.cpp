@@ -31,5 +31,35 @@ TEST(FeedFaults, TenTimesAndATenthAreSaidWithProgramAndLine) {
   }
 }
 
+TEST(ToolFaults, AProgramCutsWithTheToolsOfItsPassesInTheirOrder) {
+  std::map<std::string, Cutter> cutters;
+  for (const auto& [pass, number] : {std::pair{"rough", 1}, {"semi_finish", 2}, {"finish", 3}, {"profile", 1}}) cutters[pass].number = number;
+  const auto files = [](const char* name) { return json{{"files", {{{"file", std::string("program/") + name}}}}}; };
+  const auto cut_with = [](const char* program, std::vector<int> tools) {
+    std::vector<ProgramSection> sections;
+    long line = 0;
+    for (const int tool : tools) {
+      ProgramSection section{program, {}};
+      section.section.tool = tool;
+      section.section.line = line += 100;
+      section.section.timing.feed_mm = 1;
+      sections.push_back(section);
+    }
+    return sections;
+  };
+  const json each = {{"rough", files("10_rough.nc")}, {"finish", files("30_finish.nc")}};
+  EXPECT_TRUE(tool_faults(cut_with("10_rough.nc", {1}), cutters, each).empty());
+  EXPECT_TRUE(tool_faults(cut_with("other.nc", {7}), cutters, each).empty()) << "nothing is planned for it";
+  const std::vector<Fault> swapped = tool_faults(cut_with("30_finish.nc", {2}), cutters, each);
+  ASSERT_EQ(swapped.size(), 1U);
+  EXPECT_EQ(swapped[0].kind, "wrong_tool");
+  EXPECT_EQ(swapped[0].program, "30_finish.nc");
+  EXPECT_EQ(swapped[0].line, 100);
+
+  const json all = {{"rough", files("all.nc")}, {"semi_finish", files("all.nc")}, {"finish", files("all.nc")}, {"profile", files("all.nc")}};
+  EXPECT_TRUE(tool_faults(cut_with("all.nc", {1, 2, 3, 1}), cutters, all).empty());
+  EXPECT_EQ(tool_faults(cut_with("all.nc", {1, 3, 2, 1}), cutters, all).size(), 2U) << "each where the other belongs";
+}
+
 }  // namespace
 }  // namespace lightmill
