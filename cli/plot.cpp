@@ -113,7 +113,7 @@ std::string line_plot(const std::vector<PlotLine>& lines, const PlotAxes& axes) 
 
 std::string histogram_plot(double first, double width, const std::vector<double>& values, const PlotAxes& axes) {
   if (values.empty()) return "";
-  constexpr double kWidth = 860, kHeight = 400, kLeft = 70, kRight = 20, kTop = 20, kBottom = 52;
+  constexpr double kWidth = 380, kHeight = 270, kLeft = 62, kRight = 14, kTop = 14, kBottom = 48;
   const double last = first + width * static_cast<double>(values.size());
   const Scale across{first, last, false}, up = scale_of(values, false);
   const auto px = [&](double v) { return kLeft + across.share(v) * (kWidth - kLeft - kRight); };
