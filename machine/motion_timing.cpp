@@ -106,6 +106,7 @@ void MotionTimer::move(const Motion& motion, const SweptMove& first, const Swept
   block.section = static_cast<int>(sections_.size()) - 1;
   TimedBlock& made = block.made;
   made.motion = motion;
+  made.program = program_;
   const std::array<double, 5> from = joints(motion.from), to = joints(motion.to);
   std::array<double, 5> way;
   double sum = 0;

@@ -22,6 +22,7 @@ ControlRules control_rules(const MachineModel& machine);
 /// A motion as it is made. The path's length and speed are those of all axes together, mm and degrees, as in grbl.
 struct TimedBlock {
   Motion motion;                        ///< `seconds` as commanded
+  int program = 0;                      ///< as SectionTiming counts them
   double seconds = 0;                   ///< as made
   double tip_mm = 0;                    ///< the tip's way over the work
   double length = 0;

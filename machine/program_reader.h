@@ -35,6 +35,7 @@ struct ProgramStep {
   enum Kind : std::uint8_t { kMove, kDwell, kSpindle, kCoolant, kChangeTool, kPause, kEnd };
   Kind kind = kMove;
   long line = 0;  ///< of the text, from 1
+  long block = 0;  ///< its count in the order of execution, from 1
   bool rapid = false;
   bool tcp = false;         ///< kMove: made under tool-centre-point control
   bool whole = true;        ///< kMove: ends at a programmed point; false: a chord on the way there

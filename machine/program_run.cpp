@@ -45,7 +45,7 @@ JointPosition position(const AxisValues& q) {
 class Runner {
  public:
   Runner(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup, const StockOptions& options,
-         const std::function<void(const Motion&)>& on_motion)
+         const std::function<void(const Motion&)>& on_motion, const std::function<void(const TimedBlock&)>& on_block)
       : machine_(machine),
         dialect_(dialect),
         setup_(setup),
@@ -54,7 +54,9 @@ class Runner {
         on_motion_(on_motion),
         stock_(setup.blank, options),
         reader_(reader_setup(machine, setup)),
-        at_(reader_.start) {}
+        at_(reader_.start) {
+    timer_.on_block = on_block;
+  }
 
   /// False if the machine has stopped.
   bool run(const ProgramFile& program, const Monitor& monitor) {
@@ -68,6 +70,8 @@ class Runner {
       const ReadResult read = read_program(program.text, dialect_, machine_, reader_, [&](const ProgramStep& step) {
         if (++steps % kStepsPerReport == 0)
           monitor.report("running " + program.name, static_cast<double>(step.line) / lines);
+        // What stops the machine is not executed.
+        stopped_blocks_ = step.block - 1;
         perform(step);
       });
       result_.blocks += read.blocks;
@@ -81,6 +85,7 @@ class Runner {
       }
       return !read.error && read.ended;
     } catch (const Stopped&) {
+      result_.blocks += stopped_blocks_;
       return false;
     }
   }
@@ -254,6 +259,7 @@ class Runner {
   ReaderSetup reader_;
   ProgramRun result_;
   std::string program_;
+  long stopped_blocks_ = 0;
   AxisValues at_{};
   const Cutter* tool_ = nullptr;
   bool cutting_ = false, told_no_tool_ = false;
@@ -281,8 +287,9 @@ ReaderSetup reader_setup(const MachineModel& machine, const OperatorSetup& setup
 
 ProgramRun run_programs(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup,
                         const std::vector<ProgramFile>& programs, const StockOptions& options, const Monitor& monitor,
-                        const std::function<void(const Motion&)>& on_motion) {
-  Runner runner(machine, dialect, setup, options, on_motion);
+                        const std::function<void(const Motion&)>& on_motion,
+                        const std::function<void(const TimedBlock&)>& on_block) {
+  Runner runner(machine, dialect, setup, options, on_motion, on_block);
   for (std::size_t i = 0; i < programs.size(); ++i) {
     const auto count = static_cast<double>(programs.size());
     const auto index = static_cast<double>(i);

@@ -98,6 +98,7 @@ void ReaderCore::renew() {
 void ReaderCore::pass(const AxisValues& to, bool rapid, double seconds, bool whole) {
   ProgramStep step;
   step.line = line;
+  step.block = blocks;
   step.rapid = rapid;
   step.tcp = tcp_;
   step.seconds = seconds;
@@ -233,6 +234,7 @@ void ReaderCore::say(ProgramStep::Kind kind, int number, double value) {
   ProgramStep step;
   step.kind = kind;
   step.line = line;
+  step.block = blocks;
   step.number = number;
   if (kind == ProgramStep::kDwell) step.seconds = value;
   if (kind == ProgramStep::kSpindle) step.rpm = value;

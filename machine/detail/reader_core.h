@@ -85,6 +85,7 @@ class ReaderCore {
   [[nodiscard]] double seconds_at(const AxisValues& to, double feed_per_min) const;
 
   long line = 0;
+  long blocks = 0;  ///< begun so far
   // How corners are passed, for the moves to come (ProgramStep).
   double corner_tolerance_mm = -1;
   bool exact_stop = false;
@@ -159,7 +160,7 @@ ReadResult run_lines(ReaderCore& core, std::size_t lines, const bool& ended, con
     prepare();
     for (std::size_t at = 0; at < lines && !ended;) {
       core.line = static_cast<long>(at) + 1;
-      if (++result.blocks > core.setup.most_blocks) reject(1, "the program does not end");
+      if ((result.blocks = ++core.blocks) > core.setup.most_blocks) reject(1, "the program does not end");
       at = read_line(at);
     }
     if (!ended) reject(1, missing_end);

@@ -26,7 +26,7 @@ ReadResult WordReader::run() {
   try {
     while (at_ < lines_.size() && !ended_) {
       core_.line = static_cast<long>(at_) + 1;
-      if (++result.blocks > core_.setup.most_blocks) reject(1, "the program does not end");
+      if ((result.blocks = ++core_.blocks) > core_.setup.most_blocks) reject(1, "the program does not end");
       next_ = at_ + 1;
       read_block(lines_[at_]);
       at_ = next_;
