@@ -26,6 +26,24 @@ struct Feed {
   bool inverse_time = false;  ///< per minute of the whole move, else mm (or degrees) per minute
 };
 
+/// F as it stands from block to block, and what it counts: G93 moves a minute, G94 mm a minute, G95 mm a revolution.
+struct ModalFeed {
+  double value = 0;  ///< 0: not given in this mode
+  int mode = 94;
+  void set_mode(int g) {
+    if (g != mode) value = 0;
+    mode = g;
+  }
+  [[nodiscard]] bool inverse_time() const { return mode == 93; }
+  /// Of a move; `said_here`: its block has an F. Rejects a feed that moves nothing.
+  [[nodiscard]] Feed at(double rpm, bool spindle_turns, bool said_here) const {
+    if (inverse_time() && !said_here) reject(1, "F is missing in a block with inverse-time feed");
+    if (value == 0) reject(1, "feed not given or zero");
+    if (mode == 95 && !(spindle_turns && rpm > 0)) reject(1, "a feed per revolution while the spindle stands");
+    return {mode == 95 ? value * rpm : value, inverse_time()};
+  }
+};
+
 /// All that moves in a program passes here, compensated or not. One move is held back, because a concave corner to the next shortens it; what the program says meanwhile waits
 /// behind it.
 class CutterCompensation {

@@ -72,7 +72,8 @@ struct TextModes {
   bool says_motion = false;           ///< the last line did
   std::string feed;
   int plane = 17;
-  bool incremental = false, inverse_time = false, compensated = false, inches = false;
+  int feed_mode = 94;
+  bool incremental = false, compensated = false, inches = false;
   /// Another straight move, or an arc that says so itself, can follow without the lines before it.
   [[nodiscard]] bool goes_on() const { return motion < 2 || (says_motion && motion != kCycle); }
   static constexpr int kCycle = 80;
@@ -211,7 +212,7 @@ class Syntax {
     if (name == "G20" || name == "G70" || name == "G700") modes.inches = true;
     if (name == "G17" || name == "G18" || name == "G19") modes.plane = name[2] - '0' + 10;
     if (name == "G90" || name == "G91") modes.incremental = name == "G91";
-    if (name == "G93" || name == "G94") modes.inverse_time = name == "G93";
+    if (name == "G93" || name == "G94" || name == "G95") modes.feed_mode = name[2] - '0' + 90;
     if (name == "G41" || name == "G42") modes.compensated = true;
     if (name == "G40") modes.compensated = false;
     if (name.size() >= 3 && name.starts_with("G5") && name[2] >= '4' && name[2] <= '9') modes.offset = name;
@@ -219,7 +220,7 @@ class Syntax {
   /// Codes that move nothing and that a restart repeats as they stand; those that it sets itself are none.
   [[nodiscard]] bool is_setting(const std::string& name) const {
     static const std::vector<std::string> common{"G17", "G18", "G19", "G21", "G40", "G49", "G61", "G61.1", "G64",
-                                                 "G71", "G90", "G91", "G93", "G94", "G80", "G5.1", "G60", "G642",
+                                                 "G71", "G90", "G91", "G93", "G94", "G95", "G80", "G5.1", "G60", "G642",
                                                  "G62", "G247", "M126", "M127"};
     if (name.size() >= 3 && name.starts_with("G5") && name[2] >= '4' && name[2] <= '9') return true;
     return std::find(common.begin(), common.end(), name) != common.end();
@@ -506,9 +507,10 @@ class FileRestartWriter {
     }
     if (modes_.plane != 17) block("G" + std::to_string(modes_.plane));
     if (modes_.incremental) block("G91");
-    if (!modes_.inverse_time && !modes_.feed.empty()) block("F" + modes_.feed);
+    if (modes_.feed_mode == 95) block("G95");
+    if (modes_.feed_mode != 93 && !modes_.feed.empty()) block("F" + modes_.feed);
     if (modes_.motion == 0 || modes_.motion == 1) block("G" + std::to_string(modes_.motion));
-    if (modes_.inverse_time) block("G93");
+    if (modes_.feed_mode == 93) block("G93");
   }
 
   /// Numbers and names where the dialect has them.

@@ -158,16 +158,13 @@ void SiemensReader::move(const Words& w, bool feed_here) {
     if (word.how == How::kUpwards) to[i] = v + 2 * kPi * std::ceil((from[i] - v) / (2 * kPi) - kSameAngle_rad);
     if (word.how == How::kDownwards) to[i] = v + 2 * kPi * std::floor((from[i] - v) / (2 * kPi) + kSameAngle_rad);
   }
-  if (motion_ != 0) {
-    if (inverse_time_ && !feed_here) reject(1, "F is missing in a block with inverse-time feed");
-    if (feed_ == 0) reject(1, "feed not given");
-  }
+  const Feed given = motion_ == 0 ? Feed{} : feed(feed_here);
   std::optional<Vec3> great_circle_to;
   if (w.direction[0] || w.direction[1] || w.direction[2]) {
     if (motion_ > 1 || w.suppress || path_.on()) reject(1, "A3, B3 and C3 need G0 or G1, without SUPA, G41 or G42");
     set_direction(w, to, great_circle_to);
   }
-  const auto seconds = [&] { return motion_ == 0 ? 0 : inverse_time_ ? 60 / feed_ : core_.seconds_at(to, feed_); };
+  const auto seconds = [&] { return motion_ == 0 ? 0 : given.inverse_time ? 60 / given.value : core_.seconds_at(to, given.value); };
   if (w.suppress) {
     if (core_.tcp()) reject(1, "SUPA before TRAFOOF");
     if (motion_ > 1) reject(1, "SUPA needs G0 or G1");
@@ -179,7 +176,7 @@ void SiemensReader::move(const Words& w, bool feed_here) {
     path_.forget_lead();
     return core_.move_on_great_circle(to, *great_circle_to, motion_ == 0, seconds());
   }
-  if (motion_ <= 1) return path_.straight(to, motion_ == 0, {feed_, inverse_time_});
+  if (motion_ <= 1) return path_.straight(to, motion_ == 0, given);
   arc(w, to);
 }
 
@@ -207,7 +204,7 @@ void SiemensReader::arc(const Words& w, const AxisValues& to) {
   if (!(more >= 0 && more <= 999) || more != std::floor(more)) reject(1, "TURN counts from 0 to 999");
   double turn = turn_between(std::atan2(from[v] - cv, from[u] - cu), std::atan2(to[v] - cv, to[u] - cu), clockwise);
   turn += (clockwise ? -2 : 2) * kPi * more;
-  path_.arc(to, u, v, cu, cv, turn, {feed_, inverse_time_});
+  path_.arc(to, u, v, cu, cv, turn, feed());
 }
 
 }  // namespace lightmill::detail

@@ -332,8 +332,8 @@ void SiemensReader::g_code(Words& w, double v, int where, std::uint32_t& groups)
       return once(groups, 14, where);
     case 93:
     case 94:
-      if ((code == 93) != inverse_time_) feed_ = 0;
-      inverse_time_ = code == 93;
+    case 95:
+      feed_.set_mode(code);
       return once(groups, 15, where);
     default:
       reject(where, code < 0 ? "unknown code" : "G" + std::to_string(code) + " is not known to this control");
@@ -391,7 +391,7 @@ void SiemensReader::perform(Words& w) {
   }
   if (w.f) {
     if (*w.f <= 0) reject(1, "the feed must be above 0");
-    feed_ = inverse_time_ ? *w.f : *w.f * unit_;
+    feed_.value = feed_.inverse_time() ? *w.f : *w.f * unit_;
   }
   if (w.s) {
     rpm_ = *w.s;

@@ -76,6 +76,7 @@ class SiemensReader : private ExpressionReader {
   void renew_frame();
   void swivel();
   void set_compensation(int code);
+  [[nodiscard]] Feed feed(bool said_here = true) const { return feed_.at(rpm_, spindle_ != 5, said_here); }
   void move(const Words& w, bool feed_here);
   void arc(const Words& w, const AxisValues& to);
   void set_direction(const Words& w, AxisValues& to, std::optional<Vec3>& great_circle_to);
@@ -99,8 +100,9 @@ class SiemensReader : private ExpressionReader {
   // Modes.
   enum class Turning : std::uint8_t { kUnsaid, kAxes, kGreatCircle };
   Turning turning_ = Turning::kUnsaid;
-  bool incremental_ = false, inverse_time_ = false, machine_directions_ = false;
-  double unit_ = 1, feed_ = 0, rpm_ = 0;
+  bool incremental_ = false, machine_directions_ = false;
+  double unit_ = 1, rpm_ = 0;
+  ModalFeed feed_;
   int motion_ = 1, tool_ = 0, selected_ = 0, spindle_ = 5, plane_ = 0;
   WorkFrame programmed_, swivelled_;
   bool swivels_ = false;

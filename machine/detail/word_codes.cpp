@@ -10,7 +10,7 @@ std::string WordReader::code_name(int tenths) {
 /// What LinuxCNC knows and this machine cannot do, and all else.
 const char* WordReader::why_refused(char letter, int tenths) const {
   if (letter == 'G' && !fanuc_) {
-    if (tenths == 330 || tenths == 331 || tenths == 760 || tenths == 950)
+    if (tenths == 330 || tenths == 331 || tenths == 760)
       return " waits for a spindle encoder, which this machine has not";
     if (tenths == 70 || (tenths >= 700 && tenths < 730) || tenths == 960) return " is for lathes";
   }
@@ -57,6 +57,7 @@ int WordReader::g_group(int tenths) const {
       return fanuc_ ? -1 : 4;
     case 930:
     case 940:
+    case 950:
       return 5;
     case 200:
     case 210:

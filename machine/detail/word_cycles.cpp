@@ -49,7 +49,7 @@ void WordReader::drill() {
   if (plane_ != 0 && (motion_ == 740 || motion_ == 840))
     reject(1, "G74 and G84 are understood in G17 only");  // LinuxCNC confuses the axes elsewhere
   if (path_.on()) reject(1, "canned cycles while cutter compensation is on");
-  if (inverse_time_ || feed_ == 0) reject(1, "a canned cycle needs a feed per minute");
+  if (feed_.inverse_time() || feed_.value == 0) reject(1, "a canned cycle needs a feed per minute");
   const AxisValues from = path_.place();
   path_.forget_lead();
   read_cycle(from[w]);
@@ -73,7 +73,7 @@ void WordReader::drill() {
   }
   at[w] = std::max(core_.here()[w], clear);
   const auto go = [&](bool rapid) {
-    if (at != core_.here()) core_.move(at, rapid, rapid ? 0 : core_.seconds_at(at, feed_));
+    if (at != core_.here()) core_.move(at, rapid, rapid ? 0 : core_.seconds_at(at, feed().value));
   };
   for (int n = 0; n < static_cast<int>(count); ++n) {
     for (std::size_t i = 0; i < 3; ++i) at[i] += step[i];
@@ -91,7 +91,7 @@ void WordReader::make_hole(AxisValues& at, double r, double bottom, double clear
              w = static_cast<std::size_t>(kPlanes[plane_][2]);
   const auto go = [&](double height, bool rapid) {
     at[w] = height;
-    if (at != core_.here()) core_.move(at, rapid, rapid ? 0 : core_.seconds_at(at, feed_));
+    if (at != core_.here()) core_.move(at, rapid, rapid ? 0 : core_.seconds_at(at, feed().value));
   };
   const auto dwell = [&] {
     if (cycle_.dwell_s.value_or(0) > 0) core_.say(ProgramStep::kDwell, 0, *cycle_.dwell_s);

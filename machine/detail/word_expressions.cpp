@@ -158,7 +158,7 @@ double WordReader::parameter(int depth) {
     }
     if (name == "_METRIC") return unit_ == 1;
     if (name == "_IMPERIAL") return unit_ != 1;
-    if (name == "_FEED") return feed_ / unit_;
+    if (name == "_FEED") return feed_.value / unit_;
     if (name == "_RPM") return rpm_;
     reject(where, "parameter #<" + name + "> was never set");
   }

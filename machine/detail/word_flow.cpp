@@ -77,8 +77,7 @@ void WordReader::enter_sub(Frame frame) {
 /// M70 to M73: each level of call has its own memory.
 void WordReader::keep_modes(int code) {
   if (code == 70 || code == 73) {
-    saved_.back() = Modes{unit_,         feed_,       rpm_,   incremental_, centre_absolute_,
-                          inverse_time_, to_r_level_, plane_, spindle_,     offset_};
+    saved_.back() = Modes{unit_, rpm_, feed_, incremental_, centre_absolute_, to_r_level_, plane_, spindle_, offset_};
     restores_.back() = code == 73;
     if (code == 73 && frames_.empty()) reject(1, "M73 outside of a subprogram");
     return;
@@ -94,7 +93,6 @@ void WordReader::restore() {
   feed_ = kept.feed;
   incremental_ = kept.incremental;
   centre_absolute_ = kept.centre_absolute;
-  inverse_time_ = kept.inverse_time;
   to_r_level_ = kept.to_r_level;
   plane_ = kept.plane;
   if (offset_ != kept.offset) {

@@ -224,21 +224,18 @@ void WordReader::move(bool machine_coordinates, bool feed_here) {
         incremental_ && !machine_coordinates ? to[static_cast<std::size_t>(axis)] + v : v;
   }
   if (motion_ < 0 || motion_ == 800) reject(1, "axis words while motion is cancelled");
-  if (motion_ != 0) {
-    if (inverse_time_ && !feed_here) reject(1, "F is missing in a block with inverse-time feed");
-    if (feed_ == 0) reject(1, "feed not given or zero");
-  }
+  const Feed given = motion_ == 0 ? Feed{} : feed(feed_here);
   if (directions_) {
     if (motion_ > 10) reject(1, "an arc while tool directions are given by vectors");
     turn_to_direction(to);
   }
   if (motion_ <= 10) {
     if (machine_coordinates) {
-      const double seconds = motion_ == 0 ? 0 : inverse_time_ ? 60 / feed_ : core_.seconds_at(to, feed_);
+      const double seconds = motion_ == 0 ? 0 : given.inverse_time ? 60 / given.value : core_.seconds_at(to, given.value);
       path_.forget_lead();
       return core_.move_joints(to, motion_ == 0, seconds);
     }
-    return path_.straight(to, motion_ == 0, {feed_, inverse_time_});
+    return path_.straight(to, motion_ == 0, given);
   }
   arc(to, named);
 }
@@ -269,7 +266,7 @@ void WordReader::arc(const AxisValues& to, std::uint32_t named) {
   }
   double turn = turn_between(std::atan2(from[v] - cv, from[u] - cu), std::atan2(to[v] - cv, to[u] - cu), clockwise);
   turn += (clockwise ? -2 : 2) * kPi * extra_turns;
-  path_.arc(to, u, v, cu, cv, turn, {feed_, inverse_time_});
+  path_.arc(to, u, v, cu, cv, turn, feed());
 }
 
 }  // namespace lightmill::detail

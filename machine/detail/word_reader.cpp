@@ -172,14 +172,11 @@ void WordReader::read_word(std::uint32_t& groups) {
 }
 
 bool WordReader::set_feed(int feed_mode, double unit) {
-  if (feed_mode >= 0) {
-    if ((feed_mode == 93) != inverse_time_) feed_ = 0;
-    inverse_time_ = feed_mode == 93;
-  }
+  if (feed_mode >= 0) feed_.set_mode(feed_mode);
   if (!has('F')) return false;
   const double f = use('F');
   if (f < 0) reject(column_of('F'), "negative feed");
-  feed_ = inverse_time_ ? f : f * unit;
+  feed_.value = feed_.inverse_time() ? f : f * unit;
   return true;
 }
 

@@ -60,8 +60,9 @@ class WordReader : private ExpressionReader {
   };
   /// What M70 keeps.
   struct Modes {
-    double unit, feed, rpm;
-    bool incremental, centre_absolute, inverse_time, to_r_level;
+    double unit, rpm;
+    ModalFeed feed;
+    bool incremental, centre_absolute, to_r_level;
     int plane, spindle;
     std::size_t offset;
   };
@@ -137,6 +138,7 @@ class WordReader : private ExpressionReader {
   [[nodiscard]] double scale(int axis) const { return axis < 3 ? unit_ : kRadPerDegree; }
   void perform();
   bool set_feed(int feed_mode, double unit);
+  [[nodiscard]] Feed feed(bool said_here = true) const { return feed_.at(rpm_, spindle_ != 5, said_here); }
   void set_speed_and_tool(Request& request);
   void refuse_beside_compensation(const Code& code);
   void dwell();
@@ -213,8 +215,9 @@ class WordReader : private ExpressionReader {
   std::array<int, 26> word_columns_{};
   std::vector<Code> codes_;
   // Modes.
-  double unit_ = 1, feed_ = 0, rpm_ = 0;
-  bool incremental_ = false, centre_absolute_ = false, inverse_time_ = false, to_r_level_ = false;
+  double unit_ = 1, rpm_ = 0;
+  ModalFeed feed_;
+  bool incremental_ = false, centre_absolute_ = false, to_r_level_ = false;
   int motion_ = 0, plane_ = 0, spindle_ = 5, tool_ = 0, selected_ = 0, last_cycle_ = -1;
   Cycle cycle_;
   std::vector<ControlPoint> control_points_;

@@ -7,7 +7,7 @@ namespace lightmill::detail {
 void WordReader::probe() {
   constexpr double kShortest_mm = 0.254;
   if (path_.on()) reject(1, "probing while cutter compensation is on");
-  if (feed_ == 0) reject(1, "feed not given or zero");
+  const Feed given = feed();
   if (motion_ >= 384) reject(1, "the probe has no contact that could open");
   const AxisValues from = path_.place();
   AxisValues to = from;
@@ -20,7 +20,7 @@ void WordReader::probe() {
   const double way = std::hypot(to[0] - from[0], to[1] - from[1], to[2] - from[2]);
   if (way < kShortest_mm) reject(1, "a probing move that is too short");
   path_.forget_lead();
-  core_.move(to, false, inverse_time_ ? 60 / feed_ : core_.seconds_at(to, feed_));
+  core_.move(to, false, given.inverse_time ? 60 / given.value : core_.seconds_at(to, given.value));
   if (motion_ == 382) reject(1, "the probe made no contact");
   for (int axis = 0; axis < 3; ++axis) numbers_[5061 + axis] = to[static_cast<std::size_t>(axis)] / unit_;
   numbers_[5070] = 0;

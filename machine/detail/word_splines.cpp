@@ -23,8 +23,7 @@ AxisValues WordReader::spline_end() {
 void WordReader::refuse_spline_modes(bool feed_here) const {
   if (path_.on()) reject(1, "splines while cutter compensation is on");
   if (plane_ != 0) reject(1, "splines need G17");
-  if (inverse_time_ && !feed_here) reject(1, "F is missing in a block with inverse-time feed");
-  if (feed_ == 0) reject(1, "feed not given or zero");
+  static_cast<void>(feed(feed_here));
 }
 
 /// G5 and G5.1: the inner control points are seen from the start (I, J) and from the end (P, Q).
@@ -88,6 +87,7 @@ void WordReader::end_spline(bool after_points) {
 
 void WordReader::follow_spline(const std::vector<ControlPoint>& points, int order, const AxisValues& to) {
   path_.allow_arcs();
+  const Feed given = feed();
   AxisValues at = path_.place();
   path_.forget_lead();
   core_.curve(
@@ -98,7 +98,7 @@ void WordReader::follow_spline(const std::vector<ControlPoint>& points, int orde
         at[1] = y;
         return at;
       },
-      feed_, inverse_time_);
+      given.value, given.inverse_time);
 }
 
 }  // namespace lightmill::detail

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <random>
 
+#include "design/core/text.h"
 #include "machine/kinematics.h"
 #include "reader_rig.h"
 
@@ -329,8 +330,47 @@ TEST(ProgramReader, AnswersAsAControlWithoutSignals) {
   expect_refused("M66 P0 L3\nM2\n", "needs a time", 1);
   expect_refused("M62\nM2\n", "needs P", 1);
   for (const char* code : {"G7", "G71", "G96"}) expect_refused(std::string(code) + " S100\nM2\n", "lathes", 1);
-  for (const char* code : {"G33", "G33.1", "G76", "G95"})
+  for (const char* code : {"G33", "G33.1", "G76"})
     expect_refused(std::string("S100 M3\n") + code + " Z1 K1\nM2\n", "encoder", 2);
+}
+
+// F times the spindle's speed; LinuxCNC's rs274 refuses S0 in the same words' place, and takes F of another mode for none.
+TEST(ProgramReader, FeedPerRevolutionGoesWithTheSpindle) {
+  const struct {
+    ReaderDialect dialect;
+    const char *head, *point, *end;
+  } controls[] = {{ReaderDialect::kLinuxCnc, "G21 G90\n", "", "M2\n"},
+                  {ReaderDialect::kFanuc, "%\nO1\nG21 G90\n", ".", "M30\n%\n"},
+                  {ReaderDialect::kSiemens, "G54 G90\n", "", "M30\n"}};
+  for (const auto& c : controls) {
+    const std::string head = c.head, dot = c.point, turning = head + "G0 X0 Y0\nS1000 M3\nG95 F0.1\n";
+    const auto run = [&](const std::string& text) { return read(text + c.end, c.dialect); };
+    // 10 mm at 0.1 mm a revolution: 100 revolutions, at 1000, 2000 a minute; then an arc of the same length; per minute again.
+    const Reading r = run(turning + "G1 X10" + dot + "\nS2000\nX20" + dot + "\nG2 X20" + dot + " Y0 I0 J" + fixed(5 / kPi, 9) +
+                          "\nG94 F300\nG1 X30" + dot + "\n");
+    ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+    std::vector<double> seconds(5);  // the rapid first
+    std::size_t move = 0;
+    for (const ProgramStep& step : r.steps) {
+      if (step.kind != ProgramStep::kMove) continue;
+      ASSERT_LT(move, 5U);
+      seconds[move] += step.seconds;
+      move += step.whole ? 1 : 0;
+    }
+    EXPECT_NEAR(seconds[1], 6, 1e-9);
+    EXPECT_NEAR(seconds[2], 3, 1e-9);
+    EXPECT_NEAR(seconds[3], 3, 1e-3);
+    EXPECT_NEAR(seconds[4], 2, 1e-9);
+    const auto refused = [&](const std::string& text, const std::string& rule) {
+      const Reading bad = run(text);
+      ASSERT_TRUE(bad.result.error) << text;
+      EXPECT_NE(bad.result.error->rule.find(rule), std::string::npos) << bad.result.error->rule;
+    };
+    refused(head + "G95 F0.1\nG1 X10" + dot + "\n", "spindle stands");
+    refused(turning + "G1 X10" + dot + "\nM5\nX20" + dot + "\n", "spindle stands");
+    refused(turning + "G94\nG1 X10" + dot + "\n", "feed not given");
+    refused(head + "S1000 M3\nF100" + dot + "\nG95\nG1 X10" + dot + "\n", "feed not given");
+  }
 }
 
 TEST(ProgramReader, ReferencePointsAndLocalShifts) {
