@@ -66,7 +66,7 @@ class Replay {
   [[nodiscard]] const Joints& position() const { return interpreter_.position(); }
   [[nodiscard]] const GcodeModes& modes() const { return interpreter_.modes(); }
   [[nodiscard]] const std::vector<GcodeStep>& steps() const { return interpreter_.steps(); }
-  [[nodiscard]] const std::array<double, 3>& offset() const { return interpreter_.offset(modes().offset); }
+  [[nodiscard]] const Joints& offset() const { return interpreter_.offset(modes().offset); }
   [[nodiscard]] ToolPose pose(const Joints& q) { return view_.cutter(to_position(q), modes().tool_length_mm); }
   WorkpieceView& view() { return view_; }
   void stand_at(const JointPosition& j) { interpreter_.set_position({j.x_mm, j.y_mm, j.z_mm, j.outer_rad, j.inner_rad}); }
@@ -78,6 +78,11 @@ class Replay {
       throw InputError("line " + std::to_string(line.number) +
                        " of the program: " + std::string(detail::describe(error)) + " in '" +
                        std::string(line.text.substr(0, 80)) + "'; a control would stop there");
+    }
+    if (interpreter_.sets_places()) {
+      throw InputError("line " + std::to_string(line.number) + " of the program sets an offset or a reference place: '" +
+                       std::string(line.text.substr(0, 80)) +
+                       "'; a control keeps only some of them, so no restart behind it is safe: begin the program again");
     }
     ++next_;
   }
@@ -346,7 +351,7 @@ class RestartWriter {
     line("(RESTART of " + detail::plain_comment(options_.program_name) + " at its line " + std::to_string(restart_.first_line) + ")");
     line("(its lines before " + std::to_string(restart_.uncut_line) + " are cut, " + fixed(restart_.overlap_mm, 3) +
          " mm are gone over again)");
-    line("G21 G90 G94 G17 G40 G49 G80 G" + std::to_string(modes.offset));
+    line("G21 G90 G94 G17 G40 G49 G80 " + detail::code_name(modes.offset));
     stopped_ = options_.stands.value_or(to_position(q));
     const Vec3 out = detail::outwards(at.view(), stopped_);
     restart_.backs_out_mm = detail::back_out_mm(machine_, out, stopped_.z_mm, options_.back_out_mm);

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <utility>
 
 #include "design/core/text.h"
 #include "machine/detail/controller.h"
@@ -19,6 +20,9 @@ namespace {
 constexpr double kDegreesPerRad = 180 / kPi;
 /// The work offset comes with every so many status reports, as in both firmwares.
 constexpr int kReportsPerOffset = 10;
+/// After a limit switch, a soft limit or a reset in motion the firmware is deaf until reset; after others $X is enough.
+constexpr int kLastCriticalAlarm = 3;
+constexpr int kTowardsContact = 383;  ///< G38.2, G38.3
 
 /// What sets the two firmwares apart.
 struct Firmware {
@@ -75,7 +79,7 @@ class GrblController final : public Controller {
       : Controller(mill),
         firmware_(firmware_of(personality, mill.machine())),
         planted_(mill.options().planted),
-        interpreter_(axes_of(firmware_, mill.machine())),
+        interpreter_(axes_of(firmware_, mill.machine()), firmware_.axes > 3 ? 9 : 6),
         buffer_(firmware_.receive_buffer_bytes),
         line_(firmware_.keeps, firmware_.longest_line),
         reports_buffers_(firmware_.reports_buffers) {
@@ -112,6 +116,7 @@ class GrblController final : public Controller {
   }
 
   bool work() override {
+    if (probing_ != 0 && !mill_.moving()) end_probing();
     if (waits() || !line_.fill_from(buffer_)) return false;
     if (mill_.moving()) {
       // Spindle, tool and the like happen between motions, not ahead of them; a full planner takes nothing.
@@ -144,6 +149,7 @@ class GrblController final : public Controller {
   bool dead_ = false;
   bool door_ = false, checking_ = false;
   bool waits_for_tool_ = false, pauses_ = false;
+  int probing_ = 0;  ///< 382 to 385: until the motion ends
   int incoming_tool_ = 0;
   std::size_t next_step_ = 0;  ///< of the line that waits for the operator
   bool locked_ = false;        ///< by an alarm; $X or $H unlocks
@@ -159,7 +165,7 @@ class GrblController final : public Controller {
 
   /// The main loop stands and takes nothing out of the receive buffer.
   [[nodiscard]] bool waits() const {
-    return dead_ || mill_.held() || door_ || waits_for_tool_ || pauses_ || needs_reset_;
+    return dead_ || mill_.held() || door_ || waits_for_tool_ || pauses_ || probing_ != 0 || needs_reset_;
   }
 
   // --- Replies ---
@@ -176,8 +182,10 @@ class GrblController final : public Controller {
     Fault& fault = mill_.add_fault(kind, message, program_line_);
     fault.place_mm = mill_.tip_mm();
     say("ALARM:" + std::to_string(number));
-    say("[MSG:Reset to continue]");
-    locked_ = needs_reset_ = true;
+    interpreter_.set_position(mill_.planned());
+    locked_ = true;
+    needs_reset_ = number <= kLastCriticalAlarm;
+    if (needs_reset_) say("[MSG:Reset to continue]");
     mill_.stop_spindle();
     return fault;
   }
@@ -193,6 +201,10 @@ class GrblController final : public Controller {
         case GcodeStep::kMove:
           mill_.plan_move(step.target, step.seconds, step.rapid, program_line_);
           break;
+        case GcodeStep::kProbe:
+          if (step.number <= kTowardsContact) mill_.plan_move(step.target, step.seconds, false, program_line_);
+          probing_ = step.number;
+          return;
         case GcodeStep::kDwell:
           mill_.plan_dwell(step.seconds);
           break;
@@ -241,6 +253,19 @@ class GrblController final : public Controller {
       run_steps();
       if (!pauses_ && !needs_reset_) say_ok();
     }
+  }
+
+  /// There is never a contact: G38.2 ends in an alarm, G38.3 at its target; G38.4 and G38.5 would leave one.
+  void end_probing() {
+    const int probe = std::exchange(probing_, 0);
+    mill_.expect_standstill();
+    if (probe > kTowardsContact) {
+      raise_alarm(4, "probe", "the probe has no contact that could open");
+    } else {
+      say("[PRB:" + axes_text(to_joints(mill_.joints())) + ":0]");
+      if (probe == 382) raise_alarm(5, "probe", "the probe made no contact");
+    }
+    say_ok();
   }
 
   // --- Real-time bytes ---
@@ -317,6 +342,7 @@ class GrblController final : public Controller {
     interpreter_.set_position(mill_.planned());
     mill_.stop_spindle();
     door_ = checking_ = waits_for_tool_ = pauses_ = needs_reset_ = false;
+    probing_ = 0;
     next_step_ = 0;
     latched_error_ = 0;
     program_line_ = 0;
@@ -331,12 +357,6 @@ class GrblController final : public Controller {
     std::string text;
     for (int i = 0; i < firmware_.axes; ++i) text += (i ? "," : "") + fixed(values[static_cast<std::size_t>(i)], 3);
     return text;
-  }
-
-  /// Work offset and tool length together, as both firmwares' WCO.
-  [[nodiscard]] Joints work_offset() const {
-    const auto& offset = interpreter_.offset(interpreter_.modes().offset);
-    return {offset[0], offset[1], offset[2] + interpreter_.modes().tool_length_mm, 0, 0};
   }
 
   [[nodiscard]] const char* state() {
@@ -355,7 +375,7 @@ class GrblController final : public Controller {
     if (reports_buffers_) text += "|Bf:" + std::to_string(blocks) + "," + std::to_string(buffer_.free());
     text += "|FS:" + compact(mill_.feed_per_min(), 0) + "," + compact(mill_.rpm(), 0);
     const Overrides& overrides = mill_.overrides();
-    if (complete || reports_ % kReportsPerOffset == 0) text += "|WCO:" + axes_text(work_offset());
+    if (complete || reports_ % kReportsPerOffset == 0) text += "|WCO:" + axes_text(interpreter_.zero());
     if (complete || reports_ % kReportsPerOffset == 1) {
       text += "|Ov:" + std::to_string(overrides.feed) + "," + std::to_string(overrides.rapid) + "," +
               std::to_string(overrides.spindle);
@@ -415,7 +435,7 @@ class GrblController final : public Controller {
       return;
     }
     for (const GcodeStep& step : interpreter_.steps()) {
-      if (step.kind != GcodeStep::kMove) continue;
+      if (step.kind != GcodeStep::kMove && step.kind != GcodeStep::kProbe) continue;
       if (const auto past = mill_.overtravel(step.target)) {
         Fault& fault = raise_alarm(2, "limit", past->message + " in '" + std::string(line_.text().substr(0, 80)) + "'");
         fault.amount_mm = past->amount;
@@ -432,8 +452,8 @@ class GrblController final : public Controller {
     next_step_ = 0;
     if (has_word(line, "MT")) mill_.expect_standstill();
     run_steps();
-    // M6 is acknowledged at once, M0 when the operator goes on, a line that raises an alarm never.
-    if (!pauses_ && !needs_reset_) say_ok();
+    // M6 is acknowledged at once, M0 when the operator goes on, a probe at its end, a line that raises an alarm never.
+    if (!pauses_ && !probing_ && !locked_) say_ok();
   }
 
   int read_line(std::string_view line) {
@@ -465,10 +485,12 @@ class GrblController final : public Controller {
     } else if (line == "$G") {
       say_modes();
     } else if (line == "$#") {
-      for (int g = 54; g <= 59; ++g) {
-        const auto& o = interpreter_.offset(g);
-        say("[G" + std::to_string(g) + ":" + axes_text({o[0], o[1], o[2], 0, 0}) + "]");
+      for (const int g : {54, 55, 56, 57, 58, 59, 591, 592, 593}) {
+        if (g < 100 || firmware_.axes > 3) say("[" + code_name(g) + ":" + axes_text(interpreter_.offset(g)) + "]");
       }
+      say("[G28:" + axes_text(interpreter_.reference(0)) + "]");
+      say("[G30:" + axes_text(interpreter_.reference(1)) + "]");
+      say("[G92:" + axes_text(interpreter_.shift()) + "]");
       say("[TLO:" + axes_text({0, 0, interpreter_.modes().tool_length_mm, 0, 0}) + "]");
     } else if (line == "$X") {
       if (locked_) say("[MSG:Caution: Unlocked]");
@@ -521,7 +543,7 @@ class GrblController final : public Controller {
 
   void say_modes() {
     const GcodeModes& m = interpreter_.modes();
-    std::string text = "[GC:G" + std::to_string(m.motion) + " G" + std::to_string(m.offset) + " G" +
+    std::string text = "[GC:" + code_name(m.motion) + " " + code_name(m.offset) + " G" +
                        std::to_string(m.plane) + " G" + (m.inches ? "20" : "21") + " G" +
                        (m.incremental ? "91" : "90") + " G" + (m.inverse_time ? "93" : "94") +
                        (m.tool_length_mm != 0 ? " G43.1" : " G49") + " M" + std::to_string(m.spindle);

@@ -33,8 +33,8 @@ constexpr std::uint32_t bits_in_plane(int plane) {
 }
 
 /// Letters that carry a value; G and M are commands.
-constexpr std::uint32_t kValueLetters = bit('F') | bit('I') | bit('J') | bit('K') | bit('N') | bit('P') | bit('R') |
-                                        bit('S') | bit('T') | bit('X') | bit('Y') | bit('Z');
+constexpr std::uint32_t kValueLetters = bit('F') | bit('I') | bit('J') | bit('K') | bit('L') | bit('N') | bit('P') |
+                                        bit('R') | bit('S') | bit('T') | bit('X') | bit('Y') | bit('Z');
 
 constexpr double kPowersOfTen[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9, 1e10,
                                    1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20};
@@ -91,7 +91,7 @@ enum ModalGroup : std::uint32_t {
   kCoolantGroup = 1 << 14,
 };
 
-enum class AxisCommand : std::uint8_t { kNone, kMotion, kToolLength };
+enum class AxisCommand : std::uint8_t { kNone, kMotion, kToolLength, kPlaces };
 
 bool whole(double value) {
   return value == std::floor(value);
@@ -109,7 +109,7 @@ struct Interpreter::Block {
   int offset = -1;
   int units = -1, distance = -1, feed_mode = -1;
   int tool_length = -1;  ///< 43 or 49
-  bool dwell = false, machine_coordinates = false;
+  int one_shot = -1;  ///< in tenths: 40, 100, 280, 281, 300, 301, 530, 920, 921
   int stop = -1;
   bool change_tool = false;
   int spindle = -1;
@@ -118,6 +118,10 @@ struct Interpreter::Block {
 
   [[nodiscard]] bool has(char letter) const { return (words & bit(letter)) != 0; }
   [[nodiscard]] double of(char letter) const { return value[static_cast<std::size_t>(letter - 'A')]; }
+  /// Of an axis word, by the letter's place.
+  [[nodiscard]] double in_mm_or_rad(int letter, std::size_t axis, bool inches) const {
+    return value[static_cast<std::size_t>(letter)] * (axis >= 3 ? kRadPerDegree : inches ? kMmPerInch : 1.0);
+  }
 };
 
 std::string_view describe(int gcode_error) {
@@ -156,6 +160,8 @@ std::string_view describe(int gcode_error) {
       return "invalid line number";
     case kValueMissing:
       return "value word missing";
+    case kUnknownOffset:
+      return "no such work offset";
     case kG53Mode:
       return "G53 needs G0 or G1";
     case kAxisWordsExist:
@@ -181,8 +187,14 @@ std::string_view describe(int gcode_error) {
   }
 }
 
-Interpreter::Interpreter(const MachineModel& machine)
-    : min_rpm_(machine.min_spindle_rpm), max_rpm_(machine.max_spindle_rpm) {
+std::string code_name(int code) {
+  return "G" + (code < 100 ? std::to_string(code) : std::to_string(code / 10) + "." + std::to_string(code % 10));
+}
+
+Interpreter::Interpreter(const MachineModel& machine, int work_offsets)
+    : min_rpm_(machine.min_spindle_rpm),
+      max_rpm_(machine.max_spindle_rpm),
+      work_offsets_(static_cast<std::size_t>(work_offsets)) {
   axis_of_letter_.fill(-1);
   axis_of_letter_['X' - 'A'] = 0;
   axis_of_letter_['Y' - 'A'] = 1;
@@ -197,7 +209,15 @@ Interpreter::Interpreter(const MachineModel& machine)
 
 void Interpreter::reset() {
   modes_ = {};
+  shift_ = {};
   steps_.clear();
+}
+
+Joints Interpreter::zero_of(const GcodeModes& modes) const {
+  Joints zero = offset(modes.offset);
+  for (std::size_t i = 0; i < zero.size(); ++i) zero[i] += shift_[i];
+  zero[2] += modes.tool_length_mm;
+  return zero;
 }
 
 int Interpreter::add_command_g(int tenths, Block& block) const {
@@ -211,19 +231,31 @@ int Interpreter::add_command_g(int tenths, Block& block) const {
     case 10:
     case 20:
     case 30:
+    case 382:
+    case 383:
+    case 384:
+    case 385:
       // Before the modal group, as in grbl: two motions in a line are two claims on the axis words.
       if (block.axis_command != AxisCommand::kNone) return kAxisConflict;
       block.axis_command = AxisCommand::kMotion;
-      block.motion = tenths / 10;
+      block.motion = tenths < 100 ? tenths / 10 : tenths;
       return claim(kMotionGroup);
     case 800:
       block.motion = 80;
       return claim(kMotionGroup);
+    case 100:
+    case 280:
+    case 300:
+    case 920:
+      if (block.axis_command != AxisCommand::kNone) return kAxisConflict;
+      block.axis_command = AxisCommand::kPlaces;
+      [[fallthrough]];
     case 40:
-      block.dwell = true;
-      return claim(kOneShotGroup);
+    case 281:
+    case 301:
     case 530:
-      block.machine_coordinates = true;
+    case 921:
+      block.one_shot = tenths;
       return claim(kOneShotGroup);
     case 170:
     case 180:
@@ -259,6 +291,12 @@ int Interpreter::add_command_g(int tenths, Block& block) const {
     case 580:
     case 590:
       block.offset = tenths / 10;
+      return claim(kOffsetGroup);
+    case 591:
+    case 592:
+    case 593:
+      if (index_of_offset(tenths) >= work_offsets_) return kUnsupported;
+      block.offset = tenths;
       return claim(kOffsetGroup);
     case 610:
       return claim(kPathGroup);
@@ -349,6 +387,7 @@ int Interpreter::read_words(std::string_view line, Block& block) const {
 
 int Interpreter::execute(std::string_view line) {
   steps_.clear();
+  sets_places_ = false;
   if (line.size() > kLongestLine) return kOverflow;
   Block block;
   if (const int error = read_words(line, block); error != kGcodeOk) return error;
@@ -390,7 +429,7 @@ int Interpreter::execute(std::string_view line) {
     } else {
       modes.feed = block.of('F') * unit;
     }
-  } else if (modes.inverse_time && axis_command == AxisCommand::kMotion && modes.motion >= 1 && modes.motion <= 3) {
+  } else if (modes.inverse_time && axis_command == AxisCommand::kMotion && modes.motion >= 1 && modes.motion != 80) {
     return kNoFeed;
   } else if (block.feed_mode == 94 && modes_.inverse_time) {
     modes.feed = 0;  // the last F was an inverse time
@@ -427,7 +466,7 @@ int Interpreter::execute(std::string_view line) {
     modes.flood = (modes.flood || block.flood) && !block.coolant_off;
     steps_.push_back({.kind = GcodeStep::kCoolant, .number = block.coolant_off ? 9 : (block.flood ? 8 : 7)});
   }
-  if (block.dwell) {
+  if (block.one_shot == 40) {
     if (!block.has('P')) return fail(kValueMissing);
     if (block.of('P') < 0) return fail(kNegativeValue);
     use('P');
@@ -446,34 +485,34 @@ int Interpreter::execute(std::string_view line) {
     }
   }
 
-  if (block.machine_coordinates && (axis_command == AxisCommand::kToolLength || modes.motion > 1))
-    return fail(kG53Mode);
+  if (block.one_shot == 530 && (axis_command == AxisCommand::kToolLength || modes.motion > 1)) return fail(kG53Mode);
+
+  // Offsets and reference places; all but the motion to one are kept for the end, where nothing can fail any more.
+  Written written;
+  if (block.one_shot == 100 || block.one_shot == 920) {
+    if (const int error = set_offsets(block, modes, unused, written); error != kGcodeOk) return fail(error);
+  } else if (block.one_shot == 280 || block.one_shot == 300) {
+    if (const int error = go_to_reference(block, modes, target, unused); error != kGcodeOk) return fail(error);
+  } else if (block.one_shot == 281 || block.one_shot == 301) {
+    written = {&references_[block.one_shot == 301], position_};
+  } else if (block.one_shot == 921) {
+    written = {&shift_, {}};
+  }
 
   // Motion.
   if (axis_command == AxisCommand::kMotion) {
     if (modes.motion == 80) return fail(kAxisWordsExist);
-    for (std::uint32_t rest = axis_words; rest != 0; rest &= rest - 1) {
-      const char letter = static_cast<char>('A' + std::countr_zero(rest));
-      const auto axis = static_cast<std::size_t>(axis_of_letter_[static_cast<std::size_t>(letter - 'A')]);
-      const double value = block.of(letter) * (axis < 3 ? unit : kRadPerDegree);
-      if (block.machine_coordinates) {
-        target[axis] = value;
-      } else if (modes.incremental) {
-        target[axis] = position_[axis] + value;
-      } else {
-        double zero = axis < 3 ? offsets_[static_cast<std::size_t>(modes.offset - 54)][axis] : 0.0;
-        if (axis == 2) zero += modes.tool_length_mm;
-        target[axis] = value + zero;
-      }
-      if (axis >= 3 && !(std::abs(target[axis] - position_[axis]) <= kMostTurn_rad)) return fail(kInvalidTarget);
-      use(letter);
-    }
+    if (const int error = take_target(block, modes, target, unused); error != kGcodeOk) return fail(error);
 
     if (modes.motion >= 1 && (modes.inverse_time ? inverse_time : modes.feed) == 0) return fail(kNoFeed);
-    if (modes.motion <= 1) {
+    const bool probes = modes.motion >= 382;
+    if (probes && axis_words == 0) return fail(kNoAxisWords);
+    if (probes && target == position_) return fail(kInvalidTarget);
+    if (modes.motion <= 1 || probes) {
       if (axis_words != 0) {
-        GcodeStep move{.kind = GcodeStep::kMove, .rapid = modes.motion == 0, .target = target};
-        if (modes.motion == 1) {
+        GcodeStep move{.kind = probes ? GcodeStep::kProbe : GcodeStep::kMove, .rapid = modes.motion == 0, .target = target};
+        move.number = probes ? modes.motion : 0;
+        if (modes.motion >= 1) {
           if (modes.inverse_time) {
             move.seconds = 60 / inverse_time;
           } else {
@@ -513,6 +552,72 @@ int Interpreter::execute(std::string_view line) {
   }
   modes_ = modes;
   position_ = target;
+  sets_places_ = written.place != nullptr;
+  if (sets_places_) *written.place = written.value;
+  return kGcodeOk;
+}
+
+/// Where a block's axis words send the axes.
+int Interpreter::take_target(const Block& block, const GcodeModes& modes, Joints& target, std::uint32_t& unused) const {
+  const Joints zero = zero_of(modes);
+  for (std::uint32_t rest = block.words & axis_letters_; rest != 0; rest &= rest - 1) {
+    const int letter = std::countr_zero(rest);
+    const auto axis = static_cast<std::size_t>(axis_of_letter_[static_cast<std::size_t>(letter)]);
+    const double value = block.in_mm_or_rad(letter, axis, modes.inches);
+    target[axis] = value;
+    if (block.one_shot != 530) target[axis] += modes.incremental ? position_[axis] : zero[axis];
+    if (axis >= 3 && !(std::abs(target[axis] - position_[axis]) <= kMostTurn_rad)) return kInvalidTarget;
+  }
+  unused &= ~axis_letters_;
+  return kGcodeOk;
+}
+
+/// G10 L2 and L20 (the machine stands at these coordinates), G92.
+int Interpreter::set_offsets(const Block& block, const GcodeModes& modes, std::uint32_t& unused, Written& written) {
+  const std::uint32_t axis_words = block.words & axis_letters_;
+  if (axis_words == 0) return kNoAxisWords;
+  bool stands_there = true;
+  Joints others{};  // what else lies between the machine's zero and the program's
+  others[2] = modes.tool_length_mm;
+  const Joints* add = &shift_;
+  if (block.one_shot == 100) {
+    if (!block.has('L') || !block.has('P')) return kValueMissing;
+    if (block.of('P') < 0) return kNegativeValue;
+    const double system = std::floor(block.of('P'));
+    if (system > static_cast<double>(work_offsets_)) return kUnknownOffset;
+    stands_there = block.of('L') == 20;
+    if (!stands_there && (block.of('L') != 2 || block.has('R'))) return kUnsupported;
+    unused &= ~(bit('L') | bit('P'));
+    written.place = &offsets_[system > 0 ? static_cast<std::size_t>(system) - 1 : index_of_offset(modes.offset)];
+  } else {
+    written.place = &shift_;
+    add = &offset(modes.offset);
+  }
+  for (std::size_t i = 0; i < others.size(); ++i) others[i] += (*add)[i];
+  written.value = *written.place;
+  for (std::uint32_t rest = axis_words; rest != 0; rest &= rest - 1) {
+    const int letter = std::countr_zero(rest);
+    const auto axis = static_cast<std::size_t>(axis_of_letter_[static_cast<std::size_t>(letter)]);
+    const double value = block.in_mm_or_rad(letter, axis, modes.inches);
+    written.value[axis] = stands_there ? position_[axis] - others[axis] - value : value;
+  }
+  unused &= ~axis_letters_;
+  return kGcodeOk;
+}
+
+/// G28, G30: with axis words through the point that they name, and these axes only.
+int Interpreter::go_to_reference(const Block& block, const GcodeModes& modes, Joints& target, std::uint32_t& unused) {
+  const std::uint32_t axis_words = block.words & axis_letters_;
+  const Joints& home = references_[block.one_shot == 300];
+  if (axis_words != 0) {
+    if (const int error = take_target(block, modes, target, unused); error != kGcodeOk) return error;
+    steps_.push_back({.kind = GcodeStep::kMove, .rapid = true, .target = target});
+  }
+  for (std::uint32_t rest = axis_words != 0 ? axis_words : axis_letters_; rest != 0; rest &= rest - 1) {
+    const auto axis = static_cast<std::size_t>(axis_of_letter_[static_cast<std::size_t>(std::countr_zero(rest))]);
+    target[axis] = home[axis];
+  }
+  steps_.push_back({.kind = GcodeStep::kMove, .rapid = true, .target = target});
   return kGcodeOk;
 }
 

@@ -96,7 +96,7 @@ std::string refusal(std::string_view line, int longest) {
 
 int ProgrammedState::mode_of(char letter, long tenths) {
   if (letter == 'M') return tenths == 30 || tenths == 40 || tenths == 50 ? kSpindle : -1;
-  if (tenths >= 540 && tenths <= 590 && tenths % 10 == 0) return kOffset;
+  if (tenths >= 540 && tenths <= 593 && (tenths % 10 == 0 || tenths > 590)) return kOffset;
   switch (tenths) {
     case 200:
     case 210:
@@ -138,7 +138,8 @@ void ProgrammedState::read(std::string_view line) {
       if (tenths == 431 || tenths == 430) no_motion = offsets_change = true;
       if (tenths == 490 || (tenths >= 540 && tenths <= 599)) offsets_change = true;
       if (tenths == 100 || tenths == 920) no_motion = offsets_change = true;
-      if (tenths == 280 || tenths == 300) lost = true;
+      if (tenths == 921) offsets_change = true;
+      if (tenths == 280 || tenths == 300 || (tenths >= 382 && tenths <= 385)) lost = true;
       return;
     }
     const std::size_t axis = kAxes.find(letter);

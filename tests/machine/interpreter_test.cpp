@@ -52,6 +52,87 @@ TEST_F(InterpreterTest, ToolLengthOffsetsAndMachineCoordinates) {
   EXPECT_EQ(one("X7").target[0], 7) << "G53 is for one block; G55 stays";
 }
 
+TEST_F(InterpreterTest, OffsetsAreSetByNumberAndByPlace) {
+  EXPECT_EQ(interpreter.execute("G10 L2 P2 X1 Z-7 B90"), 0);
+  EXPECT_TRUE(interpreter.sets_places());
+  EXPECT_EQ(interpreter.offset(55), (Joints{1, 0, -7, 90 * kRad, 0}));
+  EXPECT_EQ(one("G55 G0 X2 Z2 B10").target, (Joints{3, 0, -5, 100 * kRad, 0}));
+  EXPECT_FALSE(interpreter.sets_places());
+  // L20: where the machine stands is X5, tool length and all; P0 is the offset that is active.
+  EXPECT_EQ(interpreter.execute("G43.1 Z85"), 0);
+  EXPECT_EQ(interpreter.execute("G20 G10 L20 P0 X1 Z2"), 0);
+  EXPECT_EQ(interpreter.offset(55), (Joints{3 - 25.4, 0, -5 - 85 - 50.8, 90 * kRad, 0}));
+  const Joints there = one("G0 X1 Z2").target;
+  EXPECT_NEAR(there[0], 3, 1e-12) << "it stands there already";
+  EXPECT_NEAR(there[2], -5, 1e-12);
+  EXPECT_EQ(one("G21 G54 X0").target[0], 10) << "the other offsets are as they were";
+}
+
+TEST_F(InterpreterTest, ShiftsLieOverAllOffsetsUntilTheyAreTakenAway) {
+  EXPECT_EQ(one("G0 X1 Y2 Z3").target, (Joints{11, -3, -397, 0, 0}));
+  EXPECT_EQ(interpreter.execute("G92 X0 Z10"), 0);
+  EXPECT_EQ(interpreter.shift(), (Joints{1, 0, -7, 0, 0}));
+  EXPECT_EQ(interpreter.zero(), (Joints{11, -5, -407, 0, 0}));
+  EXPECT_EQ(one("X5 Y0 Z0").target, (Joints{16, -5, -407, 0, 0}));
+  EXPECT_EQ(one("G59 X5").target[0], 6);
+  // L20 keeps the shift: the program's zero is where it says.
+  EXPECT_EQ(interpreter.execute("G10 L20 P6 X5"), 0);
+  EXPECT_EQ(one("X6").target[0], 7);
+  EXPECT_EQ(interpreter.execute("G92.1"), 0);
+  EXPECT_EQ(one("G54 X5").target[0], 15);
+  EXPECT_EQ(interpreter.execute("G92 X1"), 0);
+  interpreter.reset();
+  EXPECT_EQ(interpreter.shift(), Joints{}) << "a reset forgets it, and keeps the offsets";
+  EXPECT_EQ(interpreter.offset(59)[0], 0);
+}
+
+TEST_F(InterpreterTest, ReferencePlacesAreReachedThroughAPointOnTheWay) {
+  EXPECT_EQ(one("G0 X1 Y2 Z3 B20").target, (Joints{11, -3, -397, 20 * kRad, 0}));
+  EXPECT_EQ(interpreter.execute("G28.1"), 0);
+  EXPECT_EQ(interpreter.execute("G0 X20 Y20 Z20"), 0);
+  // With axis words, these axes only: first to the point in work coordinates, then home.
+  EXPECT_EQ(interpreter.execute("G91 G28 Z5"), 0);
+  ASSERT_EQ(interpreter.steps().size(), 2U);
+  EXPECT_TRUE(interpreter.steps()[0].rapid && interpreter.steps()[1].rapid);
+  EXPECT_EQ(interpreter.steps()[0].target, (Joints{30, 15, -375, 20 * kRad, 0}));
+  EXPECT_EQ(interpreter.steps()[1].target, (Joints{30, 15, -397, 20 * kRad, 0}));
+  EXPECT_EQ(one("G90 G28").target, (Joints{11, -3, -397, 20 * kRad, 0})) << "without, all at once";
+  EXPECT_EQ(one("G30").target, Joints{}) << "the machine's zero until G30.1 sets it";
+  EXPECT_EQ(interpreter.execute("G30.1 G0 X7"), 0) << "takes no axis words for itself";
+  EXPECT_EQ(interpreter.reference(1), Joints{});
+  EXPECT_EQ(interpreter.position()[0], 17);
+}
+
+TEST_F(InterpreterTest, GrblHalHasNineOffsetsAndGrblSix) {
+  EXPECT_EQ(interpreter.execute("G10 L2 P9 X3"), 0);
+  EXPECT_EQ(one("G59.3 G0 X1").target[0], 4);
+  EXPECT_EQ(code_name(interpreter.modes().offset), "G59.3");
+  Interpreter grbl(test::skew_machine(), 6);
+  EXPECT_EQ(grbl.execute("G59.1"), kUnsupported);
+  EXPECT_EQ(grbl.execute("G10 L2 P7 X1"), kUnknownOffset);
+  EXPECT_EQ(grbl.execute("G10 L2 P6 X1"), 0);
+}
+
+TEST_F(InterpreterTest, AProbeIsAFeedMoveOfItsOwn) {
+  const GcodeStep probe = one("G38.3 Z-6 F60");
+  EXPECT_EQ(probe.kind, GcodeStep::kProbe);
+  EXPECT_EQ(probe.number, 383);
+  EXPECT_FALSE(probe.rapid);
+  EXPECT_EQ(probe.target[2], -406);
+  EXPECT_DOUBLE_EQ(probe.seconds, 406);
+  EXPECT_EQ(one("Z-7").kind, GcodeStep::kProbe) << "modal, as in grbl";
+}
+
+// A block with an error changes nothing of what G10, G92 and their likes set.
+TEST_F(InterpreterTest, ARefusedLineSetsNoOffset) {
+  EXPECT_EQ(interpreter.execute("G10 L2 P1 X99 K1"), kUnusedWords);
+  EXPECT_EQ(interpreter.execute("G92 X99 K1"), kUnusedWords);
+  EXPECT_EQ(interpreter.execute("G28.1 K1"), kUnusedWords);
+  EXPECT_FALSE(interpreter.sets_places());
+  EXPECT_EQ(one("G0 X1").target[0], 11);
+  EXPECT_EQ(interpreter.reference(0), Joints{});
+}
+
 TEST_F(InterpreterTest, IncrementalAndInches) {
   EXPECT_EQ(one("G0 X1").target[0], 11);
   EXPECT_EQ(one("G91 X2 B10").target, (Joints{13, 0, 0, 10 * kRad, 0}));
@@ -191,8 +272,6 @@ TEST_F(InterpreterTest, RefusesWhatItCannotObey) {
       {"G41", kUnsupported},     // [measured]
       {"G64", kUnsupported},     // [measured]
       {"G43.4", kUnsupported},
-      {"G28", kUnsupported},
-      {"G92 X0", kUnsupported},
       {"M128", kUnsupported},
       {"M3.5", kNotInteger},
       {"G0 A1", kUnsupported},  // this machine has no A axis
@@ -223,6 +302,23 @@ TEST_F(InterpreterTest, RefusesWhatItCannotObey) {
       {"G2 X10 Y0 R1 F100", kArcRadius},
       {"G2 X10 Y0 I1 J0 F100", kInvalidTarget},
       {"S500 M3", kOutOfRange},
+      {"G10 L2 P1", kNoAxisWords},
+      {"G10 P1 X1", kValueMissing},
+      {"G10 L2 X1", kValueMissing},
+      {"G10 L2 P10 X1", kUnknownOffset},
+      {"G10 L2 P-1 X1", kNegativeValue},
+      {"G10 L2 P1 R30 X1", kUnsupported},
+      {"G10 L10 P1 X1", kUnsupported},
+      {"G92", kNoAxisWords},
+      {"G28 G0 X1", kAxisConflict},
+      {"G28 G53 X1", kModalGroup},
+      {"G92.2", kUnsupported},
+      {"G28.2", kUnsupported},
+      {"G59.4", kUnsupported},
+      {"G38.2 F100", kNoAxisWords},
+      {"G38.2 Z-1", kNoFeed},
+      {"G38.2 X0 F100 G91", kInvalidTarget},
+      {"G0 X1 L2", kUnusedWords},
   };
   for (const Refused& c : cases) {
     const Joints before = interpreter.position();

@@ -163,6 +163,31 @@ TEST(Conversation, SoftLimitIsDeafUntilReset) {
   EXPECT_EQ(talk.burst({"G0 X1", "$X", "G0 X1"}), "error:9\n[MSG:Caution: Unlocked]\nok\nok\n");
 }
 
+// There is no probe: the input never changes, as on a control whose input is open.
+TEST(Conversation, AProbeThatMeetsNothingIsAnAlarmThatXUnlocks) {
+  Talk talk;
+  EXPECT_EQ(talk.burst({"G38.3 X-4 F600", "G1 X-3"}), "[PRB:6.000,0.000,0.000,0.000,0.000,0.000:0]\nok\nok\n");
+  EXPECT_EQ(talk.burst({"G38.2 X-5", "G1 X0"}), "[PRB:5.000,0.000,0.000,0.000,0.000,0.000:0]\nALARM:5\nok\nerror:9\n");
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 5) << "it has gone all the way";
+  ASSERT_EQ(talk.machine.result().faults.size(), 2U);
+  EXPECT_EQ(talk.machine.result().faults[1].kind, "probe") << "and no tool in the spindle";
+  EXPECT_EQ(talk.burst({"$X", "G38.4 X-6"}), "[MSG:Caution: Unlocked]\nok\nALARM:4\nok\n");
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 5) << "it has not moved";
+  EXPECT_EQ(talk.burst({"$X", "G91 G0 X1"}), "[MSG:Caution: Unlocked]\nok\nok\n");
+  EXPECT_EQ(talk.machine.result().joints.x_mm, 6);
+}
+
+TEST(Conversation, OffsetsAreReported) {
+  Talk talk;
+  EXPECT_EQ(talk.burst({"G10 L2 P9 X1 Y2", "G59.3 G0 X0 Y0 Z-5", "G28.1", "G92 X-7"}), "ok\nok\nok\nok\n");
+  EXPECT_THAT(talk.say("$G\n"), HasSubstr("[GC:G0 G59.3 "));
+  const std::string places = talk.say("$#\n");
+  EXPECT_THAT(places, HasSubstr("[G59.3:1.000,2.000,0.000,0.000,0.000,0.000]"));
+  EXPECT_THAT(places, HasSubstr("[G28:1.000,2.000,-5.000,0.000,0.000,0.000]"));
+  EXPECT_THAT(places, HasSubstr("[G92:7.000,0.000,0.000,0.000,0.000,0.000]"));
+  EXPECT_THAT(talk.say("?"), HasSubstr("WCO:8.000,2.000,0.000"));
+}
+
 TEST(Conversation, CheckModeMovesNothing) {
   Talk talk;
   EXPECT_EQ(talk.say("$C\n"), "[MSG:Enabled]\nok\n");
