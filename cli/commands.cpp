@@ -214,7 +214,7 @@ struct ShopOptions {
   double solid_pitch_um = 0;
   double starvation_mark_um = 1;
   double time_factor = 0;
-  int pace_baud = 0;
+  std::optional<int> pace_baud;  ///< else the command's own
   std::string protocol = "grblhal";
   std::vector<std::string> line_faults;
   unsigned fault_seed = 1;
@@ -231,9 +231,9 @@ struct ShopOptions {
     app->add_option("--solid-pitch-um", solid_pitch_um, "grid of a true solid beside it, for walls and undercuts, in micrometres; 0: none")->check(CLI::Range(0.0, 5000.0));
     app->add_option("--starvation-mark-um", starvation_mark_um, "depth of the mark that a cutter leaves which the line lets stand in the cut")->check(CLI::Range(0.0, 1000.0));
     app->add_option("--time-factor", time_factor, "0: as fast as it can, 1: real time")->check(CLI::Range(0.0, 1e6));
-    app->add_option("--pace-baud", pace_baud, "pace the simulated line; 0: not paced")->check(CLI::Range(0, 4000000));
+    app->add_option("--pace-baud", pace_baud, "pace the simulated line by the byte; 0: not paced (dry-run: the job's, or 115200)")->check(CLI::Range(0, 4000000));
   }
-  [[nodiscard]] SimulatedShop shop() const {
+  [[nodiscard]] SimulatedShop shop(int default_baud) const {
     SimulatedShop result;
     result.machine_file = machine.empty() ? fixtures_folder() / "machines/hsm400u_grblhal.toml" : fs::absolute(machine);
     for (const auto& file : cutters) result.cutter_files.push_back(fs::absolute(file));
@@ -257,7 +257,7 @@ struct ShopOptions {
     result.solid_pitch_um = solid_pitch_um;
     result.starvation_mark_um = starvation_mark_um;
     result.time_factor = time_factor;
-    result.baud = pace_baud;
+    result.baud = pace_baud.value_or(default_baud);
     result.protocol = protocol;
     result.line_faults = line_faults;
     result.fault_seed = fault_seed;
@@ -355,13 +355,14 @@ int run_command_line(int argc, char** argv) {
     std::error_code error;
     if (programs.size() > 1 || !fs::is_directory(programs[0], error)) {
       if (out.empty()) throw InputError("name a folder for the results with -o, for example -o check");
-      return dry_run_programs(common, programs, shop.shop(), out);
+      return dry_run_programs(common, programs, shop.shop(StreamSpec{}.baud), out);
     }
     ShopOverrides overrides;
     if (!shop.machine.empty()) overrides.machine_file = fs::absolute(shop.machine);
     for (const auto& file : shop.cutters) overrides.cutter_files.push_back(fs::absolute(file));
     if (dry->count("--work-offset") > 0) overrides.work_offset = shop.work_offset;
-    for (const char* option : {"--blank", "--keep-out", "--origin", "--errors", "--pitch-um", "--time-factor", "--pace-baud"}) {
+    overrides.pace_baud = shop.pace_baud;
+    for (const char* option : {"--blank", "--keep-out", "--origin", "--errors", "--pitch-um", "--time-factor"}) {
       if (dry->count(option) > 0) throw InputError(std::string(option) + " belongs to program files; a run folder's job.toml says it");
     }
     return run_stages(common, programs[0], {Stage::kDryRun}, overrides);
@@ -387,7 +388,7 @@ int run_command_line(int argc, char** argv) {
   sub->add_option("--line-fault", shop.line_faults, "plant a fault on the line, e.g. flip@120 (the 120th byte) or drop-ok@3, or in the control, e.g. reset@400 (the program line); without a place the seed chooses");
   sub->add_option("--fault-seed", shop.fault_seed, "for line faults that name no place");
   on(sub, [&] {
-    serve_machine(shop.shop(), fs::absolute(link), fs::absolute(out), stop_requested);
+    serve_machine(shop.shop(0), fs::absolute(link), fs::absolute(out), stop_requested);
     return int{kExitDone};
   });
 

@@ -237,14 +237,12 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   });
   result.files.insert(result.files.end(), files.pictures.begin(), files.pictures.end());
   json streams = json::array();
-  double stream_seconds = 0;
   long stream_lines = 0;
   for (std::size_t i = 0; i < outcome.streams.size(); ++i) {
     const StreamResult& s = outcome.streams[i];
     streams.push_back({{"program", programs[i].filename().string()}, {"end", stream_end_name(s.end)}, {"message", s.message},
                        {"lines", s.lines_total}, {"acknowledged", s.lines_acknowledged}, {"bytes", s.bytes_sent},
                        {"seconds", s.seconds}, {"highest_buffer_fill", s.highest_buffer_fill}});
-    stream_seconds += s.seconds;
     stream_lines += s.lines_acknowledged;
   }
   write_whole(folder.file("dry_run/faults.json"), json({{"faults", files.list}, {"pictures", files.picture_count()}, {"streams", streams}}).dump(2) + "\n");
@@ -274,11 +272,14 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
   report.update(timings);
   report["removed_mm3"] = outcome.removed_mm3;
   report["link"] = {{"lines", outcome.lines},
-                    {"lines_per_second", stream_seconds > 0 ? static_cast<double>(stream_lines) / stream_seconds : 0},
+                    {"lines_per_second", outcome.stream_seconds > 0 ? static_cast<double>(stream_lines) / outcome.stream_seconds : 0},
                     {"seconds", outcome.stream_seconds},
                     {"bytes", outcome.bytes_received},
                     {"bytes_lost", outcome.bytes_lost},
                     {"highest_buffer_fill", outcome.highest_buffer_fill},
+                    {"baud", shop.baud},
+                    {"starvations", outcome.starvations},
+                    {"starved_seconds", outcome.starved_seconds},
                     {"digest_matches", outcome.digest_matches}};
   report["streams"] = streams;
   report["seconds"] = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();

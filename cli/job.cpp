@@ -401,6 +401,8 @@ void read_dry_run(TomlTable table, Job& job) {
   // The plan keeps a margin below what is promised: 1.3 um planned, 1.5 um promised.
   const double promise = job.finish.options.cusp_um + std::max(0.2, 0.15 * job.finish.options.cusp_um);
   o.cusp_limit_um = table.number_in("cusp_limit_um", promise, 0, 10000);
+  if (table.is_text("pace_baud")) table.choice("pace_baud", "auto", {"auto"});
+  else if (table.has("pace_baud")) o.pace_baud = table.integer_in("pace_baud", 0, 0, 4'000'000);
   o.time_factor = table.number_in("time_factor", o.time_factor, 0, 1e6);
   not_yet(table, "faults", "plant faults by dry-run's --machine, --cutters and --work-offset");
   not_yet(table, "error_model", "use [dry_run.errors]");
@@ -597,6 +599,8 @@ double solid_pitch_um(const Job& job) {
   return job.dry_run.solid_pitch_um.value_or(is_cut_out(job) ? kForWalls_um : 0);
 }
 
+int pace_baud(const Job& job) { return job.dry_run.pace_baud.value_or(job.stream.baud); }
+
 Job read_job_text(std::string_view toml, const std::string& name, const fs::path& folder) {
   Job job;
   job.name = fs::path(name).stem().string();
@@ -753,6 +757,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                             .put("wavelength_um", job.dry_run.wavelength_um)
                             .put("gouge_tolerance_um", job.dry_run.gouge_tolerance_um)
                             .put("cusp_limit_um", job.dry_run.cusp_limit_um)
+                            .put("pace_baud", job.dry_run.pace_baud)
                             .put("time_factor", job.dry_run.time_factor);
   sections["dry_run"] += machine_errors_text(job.dry_run.errors, "errors.");
   sections["stream"] = Section()

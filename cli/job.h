@@ -101,7 +101,8 @@ struct DryRunSpec {
   double wavelength_um = 0.55;          ///< of the light that the cusps diffract; 0: not looked at
   double gouge_tolerance_um = 1;        ///< deeper below the reachable surface is a fault
   double cusp_limit_um = 1.5;           ///< higher where the surface is reachable is a fault
-  double time_factor = 0;               ///< 0: the simulated machine runs as fast as it can
+  std::optional<int> pace_baud;         ///< of the simulated line, 0: bytes take no time; empty: "auto", stream.baud
+  double time_factor = 0;               ///< of the virtual clock against the wall's; 0: as fast as it can
   MachineErrors errors;                 ///< of the simulated machine
 };
 
@@ -151,6 +152,8 @@ double blank_margin_mm(const Job& job);
 Vec2 blank_size_mm(const Job& job);
 /// Of the dry run's solid; 0: none.
 double solid_pitch_um(const Job& job);
+/// Of the dry run's line to a control that is fed while it mills; 0: not paced.
+int pace_baud(const Job& job);
 /// Jaws, clamps and what else holds the blank.
 std::vector<KeepOut> keep_outs_of(const Job& job);
 

@@ -368,6 +368,7 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/dry_run/limit_violations", "axis limits passed", "", 0, 0.0);
   figures.row("/dry_run/collisions", "collisions and rapids through stock", "", 0, 0.0);
   figures.row("/dry_run/link/bytes_lost", "bytes lost on the line", "", 0, 0.0);
+  figures.row("/dry_run/link/starvations", "standstills in the cut because no line came", "", 0, 0.0);
   figures.flag("/dry_run/link/digest_matches", "the machine executed every line, once, in order", "yes", "no");
   const double wall_limit = job.dry_run.wall_tolerance_um;
   figures.row("/dry_run/cut_out/walls/max_gouge_um", "part's wall: deepest inside its outline", "µm", 1, wall_limit);

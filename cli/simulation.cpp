@@ -14,6 +14,7 @@
 #include "design/core/text.h"
 #include "machine/connection.h"
 #include "machine/fault_words.h"
+#include "machine/lockstep.h"
 #include "machine/program_lines.h"
 #include "machine/program_run.h"
 #include "machine/pseudo_terminal.h"
@@ -69,7 +70,7 @@ StockOptions stock_options(const SimulatedShop& shop, const MachineModel& machin
 /// Nothing of an earlier run may be taken for this one's.
 void remove_stale(const fs::path& out) {
   std::error_code error;
-  for (const char* stale : {"port", "machined.tif", "machined_peaks.tif", "solid.bin", "result.json", "errors.toml"}) fs::remove(out / stale, error);
+  for (const char* stale : {"port", "machine.log", "machined.tif", "machined_peaks.tif", "solid.bin", "result.json", "errors.toml"}) fs::remove(out / stale, error);
 }
 
 }  // namespace
@@ -94,6 +95,8 @@ SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrid
   shop.solid_pitch_um = solid_pitch_um(job);
   shop.starvation_mark_um = job.dry_run.starvation_mark_um;
   shop.time_factor = job.dry_run.time_factor;
+  shop.baud = overrides.pace_baud.value_or(pace_baud(job));
+  shop.one_at_a_time = job.stream.one_at_a_time;
   return shop;
 }
 
@@ -150,89 +153,159 @@ std::vector<std::string> machine_arguments(const SimulatedShop& shop, const fs::
   return arguments;
 }
 
+namespace {
+
+/// The simulated machine under power, and what its planner makes of the motions' times.
+struct TimedMachine {
+  SimulatedMachine simulated;
+  MotionTimer timer;
+
+  TimedMachine(const SimulatedShop& shop, const MachineModel& machine, const SimulationOptions& options)
+      : simulated(machine, setup_of(shop, machine), options), timer(machine) {
+    simulated.on_motion = [this](const Motion& motion, const std::vector<SweptMove>& pieces) {
+      timer.move(motion, pieces.front(), pieces.back());
+    };
+    simulated.start();
+  }
+  TimedMachine(const TimedMachine&) = delete;
+  TimedMachine& operator=(const TimedMachine&) = delete;
+
+  /// OUT/machined.tif, OUT/solid.bin if there is a solid, and OUT/result.json.
+  void write(const fs::path& out) {
+    const SimulationResult result = simulated.result();
+    const MachinedSurface surface = simulated.machined();
+    write_machined(out / "machined.tif", surface);
+    if (const auto solid = simulated.solid()) solid->write(out / "solid.bin");
+    json record = {{"lines", result.lines},
+                   {"timing", json::array()},
+                   {"received_bytes", result.received_bytes},
+                   {"overflowed_bytes", result.overflowed_bytes},
+                   {"highest_buffer_fill", result.highest_buffer_fill},
+                   {"received_digest", result.received_digest},
+                   {"removed_mm3", surface.removed_mm3},
+                   {"starvations", result.starvations},
+                   {"starved_seconds", result.starved_seconds},
+                   {"worst_starvations", json::array()},
+                   {"faults", json::array()}};
+    for (const Starvation& mark : result.worst_starvations) {
+      record["worst_starvations"].push_back({{"line", mark.line},
+                                             {"place_mm", {mark.place_mm.x(), mark.place_mm.y(), mark.place_mm.z()}},
+                                             {"seconds", mark.seconds}});
+    }
+    for (const Fault& fault : result.faults) record["faults"].push_back(to_json(fault));
+    timer.finish();
+    for (const SectionTiming& section : timer.sections()) record["timing"].push_back(to_json(section));
+    write_whole(out / "result.json", record.dump(1) + "\n");
+  }
+};
+
+SimulationOptions simulation_options(const SimulatedShop& shop, const MachineModel& machine) {
+  SimulationOptions options;
+  options.personality = personality(shop.protocol);
+  options.time_factor = shop.time_factor;
+  options.stock = stock_options(shop, machine);
+  options.starvation_mark_mm = shop.starvation_mark_um / 1000;
+  return options;
+}
+
+/// With the faults that are planted on it; those of the control go to `planted`.
+LineOptions line_options(const SimulatedShop& shop, PlantedFaults& planted) {
+  LineOptions line;
+  line.baud = shop.baud;
+  for (const std::string& fault : shop.line_faults) plant_fault(fault, shop.fault_seed, line, planted);
+  return line;
+}
+
+}  // namespace
+
 void serve_machine(const SimulatedShop& shop, const fs::path& link, const fs::path& out, const std::function<bool()>& should_end) {
   const MachineModel machine = read_machine(shop.machine_file);
-  const OperatorSetup setup = setup_of(shop, machine);
-  SimulationOptions options;
-  options.time_factor = shop.time_factor;
-  options.personality = personality(shop.protocol);
+  SimulationOptions options = simulation_options(shop, machine);
+  LineOptions line = line_options(shop, options.planted);
   // Controls that take a program as a text mill it afterwards, by the reader of the machine's dialect.
   const bool takes_text =
       options.personality == Personality::kBlockwise || options.personality == Personality::kDripFeed;
   if (takes_text) {
     reader_dialect(machine.controller);  // says now what cannot be read
     options.remove_stock = false;
+    line.even_parity = true;
   }
-  options.stock = stock_options(shop, machine);
-  options.starvation_mark_mm = shop.starvation_mark_um / 1000;
-  LineOptions line;
-  line.baud = shop.baud;
-  line.even_parity = takes_text;
-  for (const std::string& fault : shop.line_faults) plant_fault(fault, shop.fault_seed, line, options.planted);
-  SimulatedMachine simulated(machine, setup, options);
-  MotionTimer timer(machine);
-  simulated.on_motion = [&](const Motion& motion, const std::vector<SweptMove>& pieces) {
-    timer.move(motion, pieces.front(), pieces.back());
-  };
-  simulated.start();
+  TimedMachine served(shop, machine, options);
   {
     PseudoTerminal terminal(link);
-    serve(simulated, terminal, line, should_end);
+    serve(served.simulated, terminal, line, should_end);
   }
-  const SimulationResult result = simulated.result();
-  if (takes_text) {
-    const fs::path received = out / "received.nc";
-    write_whole(received, result.received_program);
-    if (result.received_program.empty()) throw InputError("no program was received");
-    run_program_files(shop, machine.controller, {received}, out, {});
-    json record = json::parse(read_whole(out / "result.json"));
-    for (const Fault& fault : result.faults) record["faults"].push_back(to_json(fault));
-    record["received_digest"] = result.received_digest;
-    write_whole(out / "result.json", record.dump(1) + "\n");
+  if (!takes_text) {
+    served.write(out);
     return;
   }
-  const MachinedSurface surface = simulated.machined();
-  write_machined(out / "machined.tif", surface);
-  if (const auto solid = simulated.solid()) solid->write(out / "solid.bin");
-  json record = {{"lines", result.lines},
-                 {"timing", json::array()},
-                 {"received_bytes", result.received_bytes},
-                 {"overflowed_bytes", result.overflowed_bytes},
-                 {"highest_buffer_fill", result.highest_buffer_fill},
-                 {"received_digest", result.received_digest},
-                 {"removed_mm3", surface.removed_mm3},
-                 {"starvations", result.starvations},
-                 {"starved_seconds", result.starved_seconds},
-                 {"worst_starvations", json::array()},
-                 {"faults", json::array()}};
-  for (const Starvation& mark : result.worst_starvations) {
-    record["worst_starvations"].push_back({{"line", mark.line},
-                                           {"place_mm", {mark.place_mm.x(), mark.place_mm.y(), mark.place_mm.z()}},
-                                           {"seconds", mark.seconds}});
-  }
+  const SimulationResult result = served.simulated.result();
+  const fs::path received = out / "received.nc";
+  write_whole(received, result.received_program);
+  if (result.received_program.empty()) throw InputError("no program was received");
+  run_program_files(shop, machine.controller, {received}, out, {});
+  json record = json::parse(read_whole(out / "result.json"));
   for (const Fault& fault : result.faults) record["faults"].push_back(to_json(fault));
-  timer.finish();
-  for (const SectionTiming& section : timer.sections()) record["timing"].push_back(to_json(section));
+  record["received_digest"] = result.received_digest;
   write_whole(out / "result.json", record.dump(1) + "\n");
 }
 
-SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector<fs::path>& programs, const fs::path& out,
-                                    const Monitor& monitor) {
+namespace {
+
+/// What the streamer sends.
+struct Programs {
+  const std::vector<fs::path>& files;
   std::vector<std::string> texts;
-  std::size_t bytes_total = 0;
-  for (const auto& program : programs) {
-    texts.push_back(read_whole(program));
-    if (program_lines(texts.back()).empty()) throw InputError(program.string() + " is empty; name a program");
-    bytes_total += texts.back().size();
+  std::size_t bytes = 0;
+
+  explicit Programs(const std::vector<fs::path>& programs) : files(programs) {
+    for (const auto& program : files) {
+      texts.push_back(read_whole(program));
+      if (program_lines(texts.back()).empty()) throw InputError(program.string() + " is empty; name a program");
+      bytes += texts.back().size();
+    }
   }
-  std::error_code error;
-  fs::create_directories(out, error);
-  if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
+  [[nodiscard]] SentLines sent() const {
+    SentLines sent;
+    for (std::size_t i = 0; i < files.size(); ++i) sent.add(files[i].filename().string(), texts[i]);
+    return sent;
+  }
+};
+
+/// One after the other, until one does not end well.
+void stream_programs(Connection& connection, const Programs& programs, StreamOptions options, SimulationOutcome& outcome,
+                     const Monitor& monitor) {
+  options.on_operator = [](const std::string&) { return true; };  // the right tool is always at hand here
+  const auto started = std::chrono::steady_clock::now();
+  double done_share = 0;
+  for (std::size_t i = 0; i < programs.files.size(); ++i) {
+    const double share = static_cast<double>(programs.texts[i].size()) / static_cast<double>(programs.bytes);
+    // One reset at the start only: so the machine counts its lines through all programs, and a fault finds its place.
+    if (i > 0) options.greeting = Greeting::kNone;
+    outcome.streams.push_back(stream_program(connection, programs.texts[i], options, monitor.part(done_share, done_share + share)));
+    done_share += share;
+    outcome.stream_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+    const StreamResult& stream = outcome.streams.back();
+    if (stream.end == StreamEnd::kStopped) {
+      monitor.check();
+      throw IoError("the dry run stopped: " + stream.message);
+    }
+    if (stream.done()) continue;
+    Fault fault;
+    fault.kind = "stream";
+    fault.program = programs.files[i].filename().string();
+    fault.line = stream.error_line;
+    fault.message = stream_end_name(stream.end) + ": " + stream.message;
+    outcome.faults.push_back(fault);
+    return;
+  }
+}
+
+/// The machine in another process, reached as a serial port is.
+void stream_to_child(const SimulatedShop& shop, const Programs& programs, const fs::path& out, SimulationOutcome& outcome,
+                     const Monitor& monitor) {
   const fs::path link = out / "port";
   const fs::path log = out / "machine.log";
-  remove_stale(out);
-
-  // The machine lives in another process and is reached as a serial port is.
   std::vector<std::string> arguments = machine_arguments(shop, link, out);
   if (const std::string errors = machine_errors_text(shop.errors, ""); errors != machine_errors_text({}, "")) {
     write_whole(out / "errors.toml", errors);
@@ -241,6 +314,7 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   arguments.insert(arguments.begin(), fs::read_symlink("/proc/self/exe").string());
   const LinkGuard guard{link};
   ChildProcess child(arguments, log);
+  std::error_code error;
   for (int tries = 0; !fs::exists(link, error); ++tries) {
     monitor.check();
     if (const auto code = child.wait(std::chrono::milliseconds(10))) {
@@ -249,48 +323,13 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
     }
     if (tries > 3000) throw IoError("the simulated machine did not start within 30 s; see " + log.string());
   }
-
-  SimulationOutcome outcome;
-  for (std::size_t i = 0; i < programs.size(); ++i) {
-    if (ends_itself(texts[i])) continue;
-    Fault fault;
-    fault.kind = "no_program_end";
-    fault.program = programs[i].filename().string();
-    fault.line = program_lines(texts[i]).back().number;
-    fault.message =
-        "the last line is no M2 or M30: the file is cut short, or its end is missing; write or copy it again";
-    outcome.faults.push_back(fault);
-  }
-  const auto started = std::chrono::steady_clock::now();
   {
-    const auto connection = open_serial(link.string(), 115200);
-    double done_share = 0;
-    for (std::size_t i = 0; i < programs.size(); ++i) {
-      const double share = static_cast<double>(texts[i].size()) / std::max<std::size_t>(bytes_total, 1);
-      StreamOptions options;
-      // One reset at the start only: so the machine counts its lines through all programs, and a fault finds its place.
-      if (i > 0) options.greeting = Greeting::kNone;
-      options.most_queued_bytes = 1 << 16;  // nobody presses hold here
-      options.on_operator = [](const std::string&) { return true; };  // the right tool is always at hand here
-      outcome.streams.push_back(stream_program(*connection, texts[i], options, monitor.part(done_share, done_share + share)));
-      done_share += share;
-      const StreamResult& stream = outcome.streams.back();
-      if (stream.end == StreamEnd::kStopped) {
-        monitor.check();
-        throw IoError("the dry run stopped: " + stream.message);
-      }
-      if (stream.done()) continue;
-      Fault fault;
-      fault.kind = "stream";
-      fault.program = programs[i].filename().string();
-      fault.line = stream.error_line;
-      fault.message = stream_end_name(stream.end) + ": " + stream.message;
-      outcome.faults.push_back(fault);
-      break;
-    }
+    const auto connection = open_serial(link.string(), StreamSpec{}.baud);
+    StreamOptions options;
+    options.most_queued_bytes = 1 << 16;  // nobody presses hold here
+    options.one_at_a_time = shop.one_at_a_time;
+    stream_programs(*connection, programs, options, outcome, monitor);
   }
-  outcome.stream_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
-
   // The operator ends the machine; it writes what it has become of the blank.
   child.terminate();
   std::optional<int> code;
@@ -298,15 +337,46 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
   if (*code != 0) {
     throw IoError("the simulated machine ended with exit code " + std::to_string(*code) + ": " + last_words(log));
   }
+}
+
+/// Sender and machine in this process on one virtual clock: motions and bytes take their true time on it, the result does not
+/// depend on this computer's.
+void stream_in_lockstep(const SimulatedShop& shop, const Programs& programs, const fs::path& out, SimulationOutcome& outcome,
+                        const Monitor& monitor) {
+  const MachineModel machine = read_machine(shop.machine_file);
+  VirtualClock clock;
+  SimulationOptions options = simulation_options(shop, machine);
+  options.clock = &clock;
+  options.time_factor = 1;
+  const LineOptions line = line_options(shop, options.planted);
+  TimedMachine timed(shop, machine, options);
+  LockstepLink link(timed.simulated, clock, line);
+  Monitor paced = monitor;
+  if (shop.time_factor > 0) {
+    const auto start = std::chrono::steady_clock::now();
+    paced.should_stop = [&monitor, &clock, start, factor = shop.time_factor] {
+      std::this_thread::sleep_until(start + std::chrono::duration_cast<std::chrono::nanoseconds>(clock.now() / factor));
+      return monitor.should_stop && monitor.should_stop();
+    };
+  }
+  StreamOptions sender;
+  sender.one_at_a_time = shop.one_at_a_time;
+  stream_programs(link, programs, sender, outcome, paced);
+  timed.write(out);
+}
+
+/// What the machine has left in OUT/result.json, its lines as those of the programs' texts.
+void read_result(const fs::path& out, const Programs& programs, SimulationOutcome& outcome) {
   json result = json::parse(read_whole(out / "result.json"));
   outcome.lines = result.at("lines");
   outcome.bytes_received = result.at("received_bytes");
   outcome.bytes_lost = result.at("overflowed_bytes");
   outcome.highest_buffer_fill = result.at("highest_buffer_fill");
   outcome.removed_mm3 = result.at("removed_mm3");
+  outcome.starvations = result.at("starvations");
+  outcome.starved_seconds = result.at("starved_seconds");
   // The machine counts lines through all programs; everybody else names a program and a line of its text.
-  SentLines sent;
-  for (std::size_t i = 0; i < programs.size(); ++i) sent.add(programs[i].filename().string(), texts[i]);
+  const SentLines sent = programs.sent();
   for (json& record : result.at("faults")) {
     Fault fault = fault_from(record);
     locate(fault, sent);
@@ -330,9 +400,9 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
 
   // The machine must have executed the very lines of the programs, each once and in order.
   std::string all;
-  for (const auto& text : texts) all += text + "\n";
+  for (const auto& text : programs.texts) all += text + "\n";
   outcome.digest_matches = result.at("received_digest") == program_digest(all);
-  const bool all_done = outcome.streams.size() == programs.size() && outcome.streams.back().done();
+  const bool all_done = outcome.streams.size() == programs.files.size() && outcome.streams.back().done();
   if (all_done && !outcome.digest_matches) {
     Fault fault;
     fault.kind = "digest";
@@ -340,6 +410,31 @@ SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector
                     ", the programs' is " + program_digest(all) + "; check the line and stream again";
     outcome.faults.push_back(fault);
   }
+}
+
+}  // namespace
+
+SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector<fs::path>& files, const fs::path& out,
+                                    const Monitor& monitor) {
+  const Programs programs(files);
+  std::error_code error;
+  fs::create_directories(out, error);
+  if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
+  remove_stale(out);
+
+  SimulationOutcome outcome;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    if (ends_itself(programs.texts[i])) continue;
+    Fault fault;
+    fault.kind = "no_program_end";
+    fault.program = files[i].filename().string();
+    fault.line = program_lines(programs.texts[i]).back().number;
+    fault.message =
+        "the last line is no M2 or M30: the file is cut short, or its end is missing; write or copy it again";
+    outcome.faults.push_back(fault);
+  }
+  (shop.in_lockstep() ? stream_in_lockstep : stream_to_child)(shop, programs, out, outcome, monitor);
+  read_result(out, programs, outcome);
   return outcome;
 }
 

@@ -1,5 +1,5 @@
-// A dry run of programs: the simulated machine in a process of its own behind a pseudo-terminal, and the streamer that
-// talks to it through libserial as if it were a real one.
+// A dry run of programs: the streamer and the simulated machine on one virtual clock where the line is paced, else the machine
+// in a process of its own behind a pseudo-terminal, reached through libserial as if it were a real one.
 #pragma once
 
 #include <filesystem>
@@ -31,8 +31,11 @@ struct SimulatedShop {
   double pitch_um = 20;                     ///< of the stock's grid
   double solid_pitch_um = 0;                ///< of the solid beside it; 0: none
   double starvation_mark_um = 1;            ///< left where the cutter stands in the cut
-  double time_factor = 0;                   ///< 0: as fast as it can
+  double time_factor = 0;                   ///< 0: as fast as it can; in lockstep of the virtual clock, which changes no result
   int baud = 0;                             ///< 0: not paced
+  bool one_at_a_time = false;               ///< the sender waits for each acknowledgement
+  /// Sender and machine share a virtual clock, on which motions and bytes take their time.
+  [[nodiscard]] bool in_lockstep() const { return time_factor > 0 || baud > 0; }
   std::string protocol = "grblhal";         ///< of the control on the wire
   std::vector<std::string> line_faults;     ///< to plant on the line and in the control (plant_fault())
   unsigned fault_seed = 1;                  ///< chooses the place of a fault that names none
@@ -51,6 +54,8 @@ struct SimulationOutcome {
   long bytes_received = 0;
   long bytes_lost = 0;                      ///< dropped by a full receive buffer
   int highest_buffer_fill = 0;
+  long starvations = 0;                     ///< standstills in the cut because no line came; looked for in lockstep only
+  double starved_seconds = 0;
   std::vector<ProgramSection> timing;
   double stream_seconds = 0;                ///< the wall's
   double removed_mm3 = 0;
@@ -65,8 +70,8 @@ std::vector<std::string> machine_arguments(const SimulatedShop& shop, const std:
 void serve_machine(const SimulatedShop& shop, const std::filesystem::path& link, const std::filesystem::path& out,
                    const std::function<bool()>& should_end);
 
-/// The parent's side: starts the child, streams all programs in order, ends it and reads its results. Streaming stops at the
-/// first program that does not end well; that is a fault of the outcome. Throws IoError if the child does not come up.
+/// Streams all programs in order to the simulated machine, in lockstep or in a child. Streaming stops at the first program that
+/// does not end well; that is a fault of the outcome. Throws IoError if the child does not come up.
 SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector<std::filesystem::path>& programs,
                                     const std::filesystem::path& out, const Monitor& monitor);
 

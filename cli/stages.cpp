@@ -105,6 +105,7 @@ std::string stage_digest(Stage stage, const Job& job, const RunFolder& folder, c
       if (overrides.workpiece_origin_mm) {
         for (const double v : *overrides.workpiece_origin_mm) inputs.text(compact(v, 9));
       }
+      inputs.text(std::to_string(overrides.pace_baud.value_or(pace_baud(job)))).text(job.stream.one_at_a_time ? "one at a time" : "");
       for (const char* name : {"lens", "light", "receiver", "stock", "machine", "dry_run"}) inputs.text(sections.at(name));
       break;
   }

@@ -19,6 +19,7 @@ struct ShopOverrides {
   std::vector<std::filesystem::path> cutter_files;   ///< empty: the job's
   std::optional<int> work_offset;
   std::optional<Vec3> workpiece_origin_mm;           ///< from the table's centre
+  std::optional<int> pace_baud;                      ///< of the simulated line
 };
 
 /// Digest of everything the stage's result depends on: options, contents of input files, results of earlier stages.
