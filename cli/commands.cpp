@@ -215,6 +215,7 @@ struct ShopOptions {
   double starvation_mark_um = 1;
   double time_factor = 0;
   std::optional<int> pace_baud;  ///< else the command's own
+  bool line_times = false;
   std::string protocol = "grblhal";
   std::vector<std::string> line_faults;
   unsigned fault_seed = 1;
@@ -258,6 +259,7 @@ struct ShopOptions {
     result.starvation_mark_um = starvation_mark_um;
     result.time_factor = time_factor;
     result.baud = pace_baud.value_or(default_baud);
+    result.line_times = line_times ? "on" : "off";
     result.protocol = protocol;
     result.line_faults = line_faults;
     result.fault_seed = fault_seed;
@@ -351,6 +353,7 @@ int run_command_line(int argc, char** argv) {
   dry->add_option("what", programs, "run folder, or program files")->required();
   dry->add_option("-o,--out", out, "folder for the results (program files only)");
   shop.add(dry);
+  dry->add_flag("--line-times", shop.line_times, "write line_times.csv: seconds, feeds, speed and acceleration of every line");
   on(dry, [&] {
     std::error_code error;
     if (programs.size() > 1 || !fs::is_directory(programs[0], error)) {
@@ -362,6 +365,7 @@ int run_command_line(int argc, char** argv) {
     for (const auto& file : shop.cutters) overrides.cutter_files.push_back(fs::absolute(file));
     if (dry->count("--work-offset") > 0) overrides.work_offset = shop.work_offset;
     overrides.pace_baud = shop.pace_baud;
+    overrides.line_times = shop.line_times;
     for (const char* option : {"--blank", "--keep-out", "--origin", "--errors", "--pitch-um", "--time-factor"}) {
       if (dry->count(option) > 0) throw InputError(std::string(option) + " belongs to program files; a run folder's job.toml says it");
     }

@@ -403,6 +403,7 @@ void read_dry_run(TomlTable table, Job& job) {
   o.cusp_limit_um = table.number_in("cusp_limit_um", promise, 0, 10000);
   if (table.is_text("pace_baud")) table.choice("pace_baud", "auto", {"auto"});
   else if (table.has("pace_baud")) o.pace_baud = table.integer_in("pace_baud", 0, 0, 4'000'000);
+  o.line_times = table.choice("line_times", o.line_times, {"auto", "on", "off"});
   o.time_factor = table.number_in("time_factor", o.time_factor, 0, 1e6);
   not_yet(table, "faults", "plant faults by dry-run's --machine, --cutters and --work-offset");
   not_yet(table, "error_model", "use [dry_run.errors]");
@@ -758,6 +759,7 @@ std::map<std::string, std::string> resolved_sections(const Job& job) {
                             .put("gouge_tolerance_um", job.dry_run.gouge_tolerance_um)
                             .put("cusp_limit_um", job.dry_run.cusp_limit_um)
                             .put("pace_baud", job.dry_run.pace_baud)
+                            .put("line_times", job.dry_run.line_times)
                             .put("time_factor", job.dry_run.time_factor);
   sections["dry_run"] += machine_errors_text(job.dry_run.errors, "errors.");
   sections["stream"] = Section()

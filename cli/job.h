@@ -102,6 +102,7 @@ struct DryRunSpec {
   double gouge_tolerance_um = 1;        ///< deeper below the reachable surface is a fault
   double cusp_limit_um = 1.5;           ///< higher where the surface is reachable is a fault
   std::optional<int> pace_baud;         ///< of the simulated line, 0: bytes take no time; empty: "auto", stream.baud
+  std::string line_times = "auto";      ///< or on, off; "auto": a table of the lines' times for short programs
   double time_factor = 0;               ///< of the virtual clock against the wall's; 0: as fast as it can
   MachineErrors errors;                 ///< of the simulated machine
 };

@@ -9,6 +9,7 @@
 #include "cli/commands.h"
 #include "cli/errors_file.h"
 #include "cli/fault_files.h"
+#include "cli/line_times.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
 #include "design/core/text.h"
@@ -67,10 +68,12 @@ StockOptions stock_options(const SimulatedShop& shop, const MachineModel& machin
   return options;
 }
 
+constexpr const char* kLineTimes = "line_times.csv";
+
 /// Nothing of an earlier run may be taken for this one's.
 void remove_stale(const fs::path& out) {
   std::error_code error;
-  for (const char* stale : {"port", "machine.log", "machined.tif", "machined_peaks.tif", "solid.bin", "result.json", "errors.toml"}) fs::remove(out / stale, error);
+  for (const char* stale : {"port", "machine.log", "machined.tif", "machined_peaks.tif", "solid.bin", "result.json", "errors.toml", kLineTimes}) fs::remove(out / stale, error);
 }
 
 }  // namespace
@@ -97,6 +100,7 @@ SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrid
   shop.time_factor = job.dry_run.time_factor;
   shop.baud = overrides.pace_baud.value_or(pace_baud(job));
   shop.one_at_a_time = job.stream.one_at_a_time;
+  shop.line_times = overrides.line_times ? "on" : job.dry_run.line_times;
   return shop;
 }
 
@@ -199,6 +203,10 @@ struct TimedMachine {
   }
 };
 
+bool wants_line_times(const SimulatedShop& shop, std::size_t lines) {
+  return shop.line_times == "on" || (shop.line_times == "auto" && lines <= kMostTimedLines);
+}
+
 SimulationOptions simulation_options(const SimulatedShop& shop, const MachineModel& machine) {
   SimulationOptions options;
   options.personality = personality(shop.protocol);
@@ -256,12 +264,14 @@ namespace {
 struct Programs {
   const std::vector<fs::path>& files;
   std::vector<std::string> texts;
-  std::size_t bytes = 0;
+  std::size_t bytes = 0, lines = 0;
 
   explicit Programs(const std::vector<fs::path>& programs) : files(programs) {
     for (const auto& program : files) {
       texts.push_back(read_whole(program));
-      if (program_lines(texts.back()).empty()) throw InputError(program.string() + " is empty; name a program");
+      const std::size_t count = program_lines(texts.back()).size();
+      if (count == 0) throw InputError(program.string() + " is empty; name a program");
+      lines += count;
       bytes += texts.back().size();
     }
   }
@@ -350,6 +360,12 @@ void stream_in_lockstep(const SimulatedShop& shop, const Programs& programs, con
   options.time_factor = 1;
   const LineOptions line = line_options(shop, options.planted);
   TimedMachine timed(shop, machine, options);
+  LineTimes times([sent = programs.sent()](const TimedBlock& block) {
+    const auto place = sent.find(block.motion.line);
+    return place ? TextLine{place->program, place->line} : TextLine{};
+  });
+  const bool writes_times = wants_line_times(shop, programs.lines);
+  if (writes_times) timed.timer.on_block = [&times](const TimedBlock& block) { times.add(block); };
   LockstepLink link(timed.simulated, clock, line);
   Monitor paced = monitor;
   if (shop.time_factor > 0) {
@@ -363,6 +379,7 @@ void stream_in_lockstep(const SimulatedShop& shop, const Programs& programs, con
   sender.one_at_a_time = shop.one_at_a_time;
   stream_programs(link, programs, sender, outcome, paced);
   timed.write(out);
+  if (writes_times) write_whole(out / kLineTimes, times.table());
 }
 
 /// What the machine has left in OUT/result.json, its lines as those of the programs' texts.
@@ -417,6 +434,9 @@ void read_result(const fs::path& out, const Programs& programs, SimulationOutcom
 SimulationOutcome simulate_programs(const SimulatedShop& shop, const std::vector<fs::path>& files, const fs::path& out,
                                     const Monitor& monitor) {
   const Programs programs(files);
+  if (shop.line_times == "on" && !shop.in_lockstep()) {
+    throw InputError("the lines' times are told by a paced line only; leave out --pace-baud 0 (pace_baud = 0 in the job), or the table (line_times)");
+  }
   std::error_code error;
   fs::create_directories(out, error);
   if (error) throw IoError("cannot create folder " + out.string() + ": " + error.message());
@@ -448,11 +468,21 @@ SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string
   const OperatorSetup setup = setup_of(shop, machine);
   std::vector<ProgramFile> files;
   SimulationOutcome outcome;
+  std::size_t lines = 0;
   for (const auto& program : programs) {
     files.push_back({program.filename().string(), read_whole(program)});
-    outcome.bytes_received += static_cast<long>(files.back().text.size());
+    const std::string& text = files.back().text;
+    outcome.bytes_received += static_cast<long>(text.size());
+    lines += static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
   }
-  ProgramRun run = run_programs(machine, reader_dialect(dialect), setup, files, stock_options(shop, machine), monitor);
+  LineTimes times([&files](const TimedBlock& block) {
+    return TextLine{files[static_cast<std::size_t>(block.program - 1)].name, block.motion.line};
+  });
+  const bool writes_times = wants_line_times(shop, lines);
+  std::function<void(const TimedBlock&)> on_block;
+  if (writes_times) on_block = [&times](const TimedBlock& block) { times.add(block); };
+  ProgramRun run = run_programs(machine, reader_dialect(dialect), setup, files, stock_options(shop, machine), monitor, {}, on_block);
+  if (writes_times) write_whole(out / kLineTimes, times.table());
   write_machined(out / "machined.tif", run.surface);
   if (run.solid) run.solid->write(out / "solid.bin");
   outcome.faults = std::move(run.faults);
@@ -462,7 +492,8 @@ SimulationOutcome run_program_files(const SimulatedShop& shop, const std::string
   }
   outcome.removed_mm3 = run.surface.removed_mm3;
   outcome.digest_matches = true;  // the very files
-  json record = {{"lines", run.blocks}, {"removed_mm3", run.surface.removed_mm3}, {"faults", json::array()}};
+  json record = {{"lines", run.blocks}, {"removed_mm3", run.surface.removed_mm3}, {"timing", json::array()}, {"faults", json::array()}};
+  for (const SectionTiming& section : run.timing) record["timing"].push_back(to_json(section));
   for (const Fault& fault : outcome.faults) record["faults"].push_back(to_json(fault));
   write_whole(out / "result.json", record.dump(1) + "\n");
   return outcome;

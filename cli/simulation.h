@@ -20,6 +20,9 @@
 
 namespace lightmill {
 
+/// So long a table (6 MB) is made without being asked for.
+inline constexpr std::size_t kMostTimedLines = 100'000;
+
 /// What stands on the simulated shop floor; all files, because another process reads them.
 struct SimulatedShop {
   std::filesystem::path machine_file;
@@ -33,6 +36,7 @@ struct SimulatedShop {
   double starvation_mark_um = 1;            ///< left where the cutter stands in the cut
   double time_factor = 0;                   ///< 0: as fast as it can; in lockstep of the virtual clock, which changes no result
   int baud = 0;                             ///< 0: not paced
+  std::string line_times = "off";           ///< "on": a table of the lines' times; "auto": of at most kMostTimedLines lines
   bool one_at_a_time = false;               ///< the sender waits for each acknowledgement
   /// Sender and machine share a virtual clock, on which motions and bytes take their time.
   [[nodiscard]] bool in_lockstep() const { return time_factor > 0 || baud > 0; }
@@ -46,7 +50,8 @@ SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrid
 /// What the operator has put on the machine; the spindle's nose ends every holder.
 OperatorSetup setup_of(const SimulatedShop& shop, const MachineModel& machine);
 
-/// What came of it. Faults of the machine, the stock and the line; the surface is in OUT/machined.tif, a solid in OUT/solid.bin.
+/// What came of it. Faults of the machine, the stock and the line; the surface is in OUT/machined.tif, a solid in OUT/solid.bin,
+/// the lines' times in OUT/line_times.csv.
 struct SimulationOutcome {
   std::vector<Fault> faults;
   std::vector<StreamResult> streams;        ///< one per program that was started

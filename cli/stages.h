@@ -20,6 +20,7 @@ struct ShopOverrides {
   std::optional<int> work_offset;
   std::optional<Vec3> workpiece_origin_mm;           ///< from the table's centre
   std::optional<int> pace_baud;                      ///< of the simulated line
+  bool line_times = false;                           ///< a table of them, however long
 };
 
 /// Digest of everything the stage's result depends on: options, contents of input files, results of earlier stages.

@@ -118,6 +118,7 @@ void MotionTimer::move(const Motion& motion, const SweptMove& first, const Swept
   made.length = std::sqrt(sum);
   if (made.length == 0) {
     ++sections_.back().timing.blocks;
+    if (on_block && motion.stood_s > 0) on_block(made);  // nothing waits before it
     return;
   }
   double quickest = rules_.block_s;

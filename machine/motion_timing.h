@@ -59,7 +59,7 @@ struct SectionTiming {
   MotionTiming timing;
 };
 
-/// Motions go in as they are executed; each comes out of on_block once the queue behind it is known.
+/// Motions go in as they are executed; each with a length, or behind a dwell, comes out of on_block once what follows is known.
 ///
 /// The path's speed rises and falls at the constant acceleration that the slowest axis allows in the block's direction. At a
 /// corner the axes change from one direction to the next in the time tau = speed * max(|change| / acceleration), half of

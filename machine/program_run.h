@@ -31,7 +31,7 @@ ReaderSetup reader_setup(const MachineModel& machine, const OperatorSetup& setup
 
 /// One after the other, each from where the last has left the machine. Stops at the first thing the control does not understand or that
 /// leaves the travels. Cutters cut when M3 has had `spindle_start_s` to reach its speed. `on_motion` hears every motion, `on_block`
-/// every one that has a length, with its time, program by program from 1.
+/// every one with its time, as a MotionTimer tells them.
 ProgramRun run_programs(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup,
                         const std::vector<ProgramFile>& programs, const StockOptions& options = {},
                         const Monitor& monitor = {}, const std::function<void(const Motion&)>& on_motion = {},

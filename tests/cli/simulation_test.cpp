@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
 #include <nlohmann/json.hpp>
+#include <numeric>
 
 #include "command_rig.h"
 
@@ -25,16 +27,17 @@ std::string short_moves() {
 
 struct Milled {
   int code = 0;
+  std::string said;
   std::string result;  ///< its bytes
   json faults;
 };
 
 Milled dry_run(const ScratchFolder& scratch, const std::string& program, const std::vector<std::string>& options) {
   spill(scratch / "part.nc", program);
-  std::vector<std::string> arguments = {"dry-run", (scratch / "part.nc").string(), "--blank", "12x10x5", "--pitch-um", "200", "-o", (scratch / "out").string()};
+  std::vector<std::string> arguments = {"dry-run", (scratch / "part.nc").string(), "--blank", "12x10x5", "--pitch-um", "500", "-o", (scratch / "out").string()};
   arguments.insert(arguments.end(), options.begin(), options.end());
   const CommandResult run = lightmill_command(arguments);
-  return {run.code, slurp(scratch / "out/result.json"), json::parse(slurp(scratch / "out/faults.json"))["faults"]};
+  return {run.code, run.out + run.err, slurp(scratch / "out/result.json"), json::parse(slurp(scratch / "out/faults.json"))["faults"]};
 }
 
 // A line of 8 bytes takes 8 * 10 / 4800 s = 16.67 ms, its move 10 ms: the cutter stands after every move but the last, 6.67 ms
@@ -70,6 +73,67 @@ TEST(Simulation, APacedRunIsTheSameToTheByteHoweverFastTheClockRuns) {
   EXPECT_EQ(dry_run(scratch, short_moves(), {"--pace-baud", "4800", "--time-factor", "20"}).result, first.result);
   // A second of moves and the greeting, twenty times faster than the wall's clock.
   EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(50));
+}
+
+/// Rows of numbers by their heads; the programs' names apart.
+struct Table {
+  std::vector<std::string> programs;
+  std::map<std::string, std::vector<double>> columns;
+};
+
+Table line_times(const ScratchFolder& scratch) {
+  std::istringstream in(slurp(scratch / "out/line_times.csv"));
+  std::string row, cell;
+  std::vector<std::string> heads;
+  Table table;
+  for (bool head = true; std::getline(in, row); head = false) {
+    std::istringstream cells(row);
+    for (std::size_t i = 0; std::getline(cells, cell, ','); ++i) {
+      if (head) heads.push_back(cell);
+      else if (i == 0) table.programs.push_back(cell);
+      else table.columns[heads.at(i)].push_back(std::stod(cell));
+    }
+  }
+  return table;
+}
+
+double sum(const std::vector<double>& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
+
+// The table is the summary, line by line: over the wire and from a file.
+TEST(Simulation, LineTimesAddUpToTheTimeInAll) {
+  const ScratchFolder scratch;
+  const std::string program = "G21 G90 G94\nT3 M6\nS20000 M3\nG4 P9\nG0 X20\nG1 F6000 X40\n(nothing)\nY1\nG1 X41 F60\nM5\nM2\n";
+  for (const char* control : {"hsm400u_grblhal", "trunnion_linuxcnc"}) {
+    const Milled milled = dry_run(scratch, program, {"--line-times", "--machine", std::string(LIGHTMILL_FIXTURES) + "/machines/" + control + ".toml"});
+    EXPECT_EQ(milled.code, 0) << milled.said;
+    const Table table = line_times(scratch);
+    EXPECT_EQ(table.programs, std::vector<std::string>(4, "part.nc"));
+    const auto& at = table.columns;
+    EXPECT_EQ(at.at("line"), (std::vector<double>{5, 6, 8, 9}));
+    EXPECT_EQ(at.at("rapid"), (std::vector<double>{1, 0, 0, 0}));
+    EXPECT_EQ(at.at("stood_s"), (std::vector<double>{9, 0, 0, 0}));
+    EXPECT_NEAR(at.at("asked_mm_per_min")[1], 6000, 1e-3);
+    EXPECT_LT(at.at("reached_mm_per_min")[1], 6000) << "it starts from rest";
+    EXPECT_NEAR(at.at("top_speed_per_s")[1], 100, 1e-3) << "and gets there";
+    EXPECT_NEAR(at.at("top_speed_per_s")[3], 1, 0.5);
+    const json result = json::parse(milled.result);
+    double seconds = 0;
+    for (const json& section : result["timing"]) seconds += section["seconds"].get<double>();
+    EXPECT_GT(seconds, 9);
+    EXPECT_NEAR(sum(at.at("stood_s")) + sum(at.at("seconds")), seconds, 1e-5);
+  }
+}
+
+TEST(Simulation, AFileThatALimitStopsHasRunTheLinesBefore) {
+  const ScratchFolder scratch;
+  const Milled milled = dry_run(scratch, "G21 G90 G94\nT3 M6\nS20000 M3\nG4 P9\nG0 X1\nX2\nX3\nX4\nX5\nX9999\nX6\nM2\n",
+                                {"--machine", std::string(LIGHTMILL_FIXTURES) + "/machines/trunnion_linuxcnc.toml"});
+  EXPECT_EQ(milled.code, 5);
+  ASSERT_EQ(milled.faults.size(), 1U) << milled.faults;
+  EXPECT_EQ(milled.faults[0]["kind"], "limit");
+  EXPECT_EQ(milled.faults[0]["line"], 10);
+  EXPECT_THAT(milled.said, HasSubstr("lines: 9,"));
+  EXPECT_EQ(json::parse(milled.result)["lines"], 9);
 }
 
 }  // namespace
