@@ -220,7 +220,7 @@ TEST(Chain, ARestPassTakesWhatTheFinishingBallLeavesInACrease) {
   std::string text = replaced(slurp(tiny_job(scratch)), "image = \"" + fixture("pictures/tiny.png").string() + "\"", "drawing = \"" + (scratch / "two.svg").string() + "\"");
   text = replaced(text, "mesh = 33", "mesh = 65");
   text = replaced(text, "distance_mm = 80", "distance_mm = 60");
-  spill(scratch / "two.toml", text + "\n[rest]\ncutter = \"" + fixture("cutters/rest_1mm_ball.toml").string() + "\"\n");
+  spill(scratch / "two.toml", text + "\n[rest]\ncutter = \"" + fixture("cutters/rest_1mm_ball.toml").string() + "\"\n[stream]\nbaud = 230400\n");
   const CommandResult made = lightmill_command({"make", (scratch / "two.toml").string(), "-o", run});
   ASSERT_EQ(made.code, 0) << made.err;
   EXPECT_TRUE(fs::exists(run + "/program/35_rest.nc"));
@@ -230,6 +230,9 @@ TEST(Chain, ARestPassTakesWhatTheFinishingBallLeavesInACrease) {
   // The small ball fits everywhere: nothing above the 4 um of its cusps stays, planned or milled.
   EXPECT_LT(report.at("/cam/creases/rest/highest_after_um"_json_pointer), 4);
   EXPECT_LT(report.at("/dry_run/residue_um"_json_pointer), 4.5);
+  // Along the valley 400 blocks of 0.01 mm follow each other at 828 a second; 115200 baud bring half of them.
+  EXPECT_EQ(lightmill_command({"dry-run", run, "--pace-baud", "115200"}).code, 5);
+  EXPECT_EQ(report_of(run).at("/dry_run/fault_kinds"_json_pointer), json({{"starved", 1}}));
 }
 
 TEST(Chain, ZigZagAndSpiralAreMilledWithoutAFault) {
