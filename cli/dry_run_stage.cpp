@@ -217,16 +217,23 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
 
   const json postproc = folder.report().value("postproc", json::object());
   const json timings = pass_timings(outcome.timing, postproc, machine);
-  const auto add_with_places = [&](const std::vector<Fault>& found) {
-    for (const Fault& fault : found) {
+  // They are where the tool they speak of cuts first.
+  const auto add_at_first_feed = [&](std::vector<Fault> found) {
+    for (Fault& fault : found) {
+      bool is_there = false;
+      trace_program(machine, setup, job.controller.dialect, read_whole(folder.file("program/" + fault.program)),
+                    [&](const Motion& motion, const std::vector<SweptMove>& pieces) {
+                      if (is_there || motion.rapid || motion.line < fault.line) return;
+                      is_there = true;
+                      fault.line = motion.line;
+                      fault.place_mm = pieces.back().to.tip_mm;
+                    });
       faults.push_back(fault);
-      const std::string text = read_whole(folder.file("program/" + fault.program));
-      if (const auto place = place_of_line(machine, setup, job.controller.dialect, text, fault.line)) faults.back().place_mm = *place;
     }
   };
-  add_with_places(tool_faults(outcome.timing, planned_cutters(job), postproc));
+  add_at_first_feed(tool_faults(outcome.timing, planned_cutters(job), postproc));
   // A run that stopped early says so by itself.
-  if (outcome.faults.empty()) add_with_places(feed_faults(timings, cam, postproc));
+  if (outcome.faults.empty()) add_at_first_feed(feed_faults(timings, cam, postproc));
 
   std::map<std::string, long> kinds;
   for (const Fault& fault : faults) ++kinds[fault.kind];
