@@ -1,4 +1,4 @@
-#include "cam/cutter_file.h"
+#include "cam/cutter.h"
 
 #include "design/core/errors.h"
 #include "design/core/geometry.h"
@@ -63,8 +63,6 @@ void read_cutting_data(TomlTable& table, Cutter& cutter) {
 }  // namespace
 
 std::string material_name(std::string_view description) { return std::string(description.substr(0, description.find_first_of(" ,;"))); }
-
-Cutter read_cutter(const std::filesystem::path& path) { return read_cutter(path, ""); }
 
 Cutter read_cutter(const std::filesystem::path& path, std::string_view material) {
   TomlTable table = TomlTable::from_file(path);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace lightmill {
@@ -31,7 +32,7 @@ struct Cutter {
   double length_mm = 0;              ///< gauge line (spindle nose) to tip: the length the controller compensates
   bool centre_cutting = false;       ///< may plunge straight down
   std::vector<ToolPiece> holder;
-  // Default cutting data for PMMA, "untested on the machine" unless the file says otherwise.
+  // Cutting data for a material, "untested on the machine" unless the file says otherwise.
   double spindle_rpm = 0;
   double feed_per_tooth_mm = 0;
   double plunge_feed_mm_per_s = 0;
@@ -53,7 +54,12 @@ struct Cutter {
   [[nodiscard]] double feed_mm_per_s() const { return spindle_rpm / 60 * edges * feed_per_tooth_mm; }
 };
 
-/// Throws InputError naming file, line, key and rule.
-Cutter read_cutter(const std::filesystem::path& path);
+/// The name by which cutter files know a material: "PMMA" of "PMMA, cast, annealed".
+std::string material_name(std::string_view description);
+
+/// With the cutting data of the table [material.NAME], or with those beside the shape, which are for whatever is milled. An empty name
+/// takes the first table: where only the shape matters. Throws InputError naming file, line, key and rule; of a material that the
+/// file has no data for, the ones it knows.
+Cutter read_cutter(const std::filesystem::path& path, std::string_view material = {});
 
 }  // namespace lightmill

@@ -204,14 +204,18 @@ std::vector<Vec2> way_around(const Outline& outline, double radius_mm) {
   return thinned_loop(way);
 }
 
-SplineSurface faded_outside(const SplineSurface& surface, const Outline& outline, double drop_mm) {
-  const std::vector<Vec2> border = outline_places(outline, 0.1);
-  double ground = std::numeric_limits<double>::infinity(), top = -ground;
-  for (const Vec2& p : border) {
+BorderHeights border_heights(const SplineSurface& surface, const Outline& outline) {
+  BorderHeights heights{std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
+  for (const Vec2& p : outline_places(outline, 0.1)) {
     const double h = surface.height(p.x(), p.y());
-    ground = std::min(ground, h);
-    top = std::max(top, h);
+    heights.lowest_mm = std::min(heights.lowest_mm, h);
+    heights.highest_mm = std::max(heights.highest_mm, h);
   }
+  return heights;
+}
+
+SplineSurface faded_outside(const SplineSurface& surface, const Outline& outline, double drop_mm) {
+  const auto [ground, top] = border_heights(surface, outline);
   // What falls outwards from the border comes to rest on a floor, C2: from half of the drop on it bends.
   const double half_drop = std::min(drop_mm, std::max(ground, 0.0) / 2) / 2;
   const auto held = [&](double h) {

@@ -25,6 +25,12 @@ Outline outline_of(const Lens& lens);
 /// The outline as places at most `pitch_mm` apart, counter-clockwise; corners are among them.
 std::vector<Vec2> outline_places(const Outline& outline, double pitch_mm);
 
+/// Lowest and highest place of the surface along the outline, at places 0.1 mm apart.
+struct BorderHeights {
+  double lowest_mm, highest_mm;
+};
+BorderHeights border_heights(const SplineSurface& surface, const Outline& outline);
+
 /// Larger by a land of this width all around; a rectangle's corners stay sharp, a loop's become round.
 Outline with_land(const Outline& outline, double width_mm);
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
@@ -43,9 +42,7 @@ std::optional<Outline> finishing_border(const Job& job, const Outline& outline) 
 }
 
 double land_z_mm(const Job& job, const SplineSurface& surface, const Outline& outline) {
-  double lowest = std::numeric_limits<double>::infinity();
-  for (const Vec2& p : outline_places(outline, 0.1)) lowest = std::min(lowest, surface.height(p.x(), p.y()));
-  return lowest - job.land.drop_mm;
+  return border_heights(surface, outline).lowest_mm - job.land.drop_mm;
 }
 
 ReachableSurface reachable_by_finishing(const Job& job, const SplineSurface& surface, const Outline& outline, const Monitor& monitor) {

@@ -1,7 +1,6 @@
 #include "cli/cut_out_report.h"
 
 #include <algorithm>
-#include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -55,8 +54,7 @@ json cut_out_report(const Job& job, const SplineSurface& surface, const SolidSto
   const Outline part = with_land(optical, job.land.width_mm);
   const ProfileOptions profile = profile_options(job, surface, optical);
   const Cutter& mill = job.rough.cutter;
-  double rim = std::numeric_limits<double>::infinity();
-  for (const Vec2& p : outline_places(optical, 0.1)) rim = std::min(rim, surface.height(p.x(), p.y()));
+  const double rim = border_heights(surface, optical).lowest_mm;
   const double land = rim - job.land.drop_mm;
   const double pitch = solid.pitch_mm().maxCoeff();
 

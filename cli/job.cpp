@@ -6,7 +6,6 @@
 #include <cstdlib>
 #include <vector>
 
-#include "cam/cutter_file.h"
 #include "cam/work_holding.h"
 #include "cli/errors_file.h"
 #include "design/core/errors.h"
@@ -305,8 +304,7 @@ void read_ball_pass(TomlTable table, const fs::path& folder, const fs::path& fal
   }
   o.cusp_um = table.number_in("cusp_um", o.cusp_um, 0.01, 1000);
   o.allowance_mm = table.number_in("allowance_mm", o.allowance_mm, 0, 5);
-  const std::string axis = table.choice("axis", o.axis == AxisPolicy::kFixed ? "fixed" : o.axis == AxisPolicy::kVertical ? "vertical" : "lead_tilt",
-                                        {"fixed", "vertical", "lead_tilt"});
+  const std::string axis = table.choice("axis", axis_name(o.axis), {"fixed", "vertical", "lead_tilt"});
   o.axis = axis == "fixed" ? AxisPolicy::kFixed : axis == "vertical" ? AxisPolicy::kVertical : AxisPolicy::kLeadTilt;
   o.tilt_rad = kDegree * table.number_in("tilt_deg", o.tilt_rad / kDegree, 0, 80);
   o.tilt_direction_rad = kDegree * table.number_in("tilt_direction_deg", o.tilt_direction_rad / kDegree, -360, 360);
@@ -556,7 +554,7 @@ std::string ball_section(const BallPass& pass) {
       .put("along_creases", pass.along_creases)
       .put("cusp_um", o.cusp_um)
       .put("allowance_mm", o.allowance_mm)
-      .put("axis", o.axis == AxisPolicy::kFixed ? "fixed" : o.axis == AxisPolicy::kVertical ? "vertical" : "lead_tilt")
+      .put("axis", axis_name(o.axis))
       .put("tilt_deg", o.tilt_rad / kDegree)
       .put("tilt_direction_deg", o.tilt_direction_rad / kDegree)
       .put("chord_tolerance_um", o.chord_tolerance_mm * 1000)
@@ -598,6 +596,10 @@ double blank_margin_mm(const Job& job) {
 double solid_pitch_um(const Job& job) {
   constexpr double kForWalls_um = 200;
   return job.dry_run.solid_pitch_um.value_or(is_cut_out(job) ? kForWalls_um : 0);
+}
+
+const char* axis_name(AxisPolicy axis) {
+  return axis == AxisPolicy::kVertical ? "vertical" : axis == AxisPolicy::kFixed ? "fixed" : "lead_tilt";
 }
 
 int pace_baud(const Job& job) { return job.dry_run.pace_baud.value_or(job.stream.baud); }

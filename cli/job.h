@@ -149,6 +149,8 @@ struct Job {
 bool is_cut_out(const Job& job);
 /// How much the blank is larger than the part on every side.
 double blank_margin_mm(const Job& job);
+/// As jobs and reports name it.
+const char* axis_name(AxisPolicy axis);
 /// Length and width of the blank: the part and its margin.
 Vec2 blank_size_mm(const Job& job);
 /// Of the dry run's solid; 0: none.

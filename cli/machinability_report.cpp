@@ -21,10 +21,6 @@ double degrees(double rad) { return rad * 180 / kPi; }
 
 json place_json(const Vec2& p) { return {p.x(), p.y()}; }
 
-const char* axis_name(AxisPolicy axis) {
-  return axis == AxisPolicy::kVertical ? "vertical" : axis == AxisPolicy::kFixed ? "fixed" : "lead_tilt";
-}
-
 json window_json(const ContactWindow& window, const FinishOptions& options, double lens_mm2) {
   json result = {{"axis", axis_name(options.axis)},
                  {"window_deg", {degrees(kLeastContactAngle), degrees(kMostContactAngle)}},

@@ -20,6 +20,14 @@ struct SweepTolerance {
 /// Controls refuse a block that turns a rotary axis further: its pieces would take all memory.
 inline constexpr double kMostTurn_rad = 1000 * 2 * kPi;
 
+/// The axes' places in the order of readers and interpreters: X, Y, Z, outer, inner.
+inline JointPosition to_position(const std::array<double, 5>& axes) {
+  return {axes[0], axes[1], axes[2], axes[3], axes[4]};
+}
+inline std::array<double, 5> to_joints(const JointPosition& j) {
+  return {j.x_mm, j.y_mm, j.z_mm, j.outer_rad, j.inner_rad};
+}
+
 /// Where the cutter stands over the work, for every chain of the machine file. It follows what each rotary axis carries: a
 /// table's axis turns the workpiece, a head's axis the cutter, by direction * angle (Rodrigues' formula about the axis
 /// as it lies in the machine file); then the cutter is looked at from the turned workpiece. Written from the machine file's data alone; it shares nothing with the post. Not

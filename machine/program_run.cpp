@@ -38,10 +38,6 @@ long line_behind_tape(std::string_view text) {
   return 0;
 }
 
-JointPosition position(const AxisValues& q) {
-  return {q[0], q[1], q[2], q[3], q[4]};
-}
-
 class Runner {
  public:
   Runner(const MachineModel& machine, ReaderDialect dialect, const OperatorSetup& setup, const StockOptions& options,
@@ -107,7 +103,7 @@ class Runner {
     fault.program = program_;
     fault.line = line;
     fault.message = std::move(message);
-    fault.place_mm = view_.cutter(position(at_), tool_ ? tool_->length_mm : 0).tip_mm;
+    fault.place_mm = view_.cutter(to_position(at_), tool_ ? tool_->length_mm : 0).tip_mm;
     result_.faults.push_back(std::move(fault));
     return result_.faults.back();
   }
@@ -173,8 +169,8 @@ class Runner {
   void go(const ProgramStep& step, const AxisValues& to) {
     Motion motion;
     motion.line = step.line;
-    motion.from = position(at_);
-    motion.to = position(to);
+    motion.from = to_position(at_);
+    motion.to = to_position(to);
     motion.rapid = step.rapid;
     motion.seconds = std::max(step.seconds, least_seconds(to));
     motion.spindle_on = cutting_ && rpm_ > 0 && commanded_s_ >= at_speed_s_ - 1e-9;
@@ -238,7 +234,7 @@ class Runner {
                                std::string(1, letter) + " would pass its limit " + compact((value < least ? least : most) * unit, 3) +
                                    " " + name + " by " + compact(amount * unit, 3) + " " + name);
       fault.amount_mm = amount;
-      fault.picture = travel_picture(machine_, position(at_), position(step.target));
+      fault.picture = travel_picture(machine_, to_position(at_), to_position(step.target));
       throw Stopped{};
     };
     const AxisValues& q = step.target;

@@ -34,17 +34,13 @@ void trace_lines(const MachineModel& machine, const OperatorSetup& setup, std::s
 /// As quick as the axes are; above 0, because pieces share a motion's time.
 constexpr double kRapid_s = 1e-6;
 
-JointPosition position(const AxisValues& q) {
-  return {q[0], q[1], q[2], q[3], q[4]};
-}
-
 void trace_file(const MachineModel& machine, const OperatorSetup& setup, const std::string& dialect, std::string_view program,
                 const OnMotion& on_motion) {
   const ReaderSetup reader = reader_setup(machine, setup);
   WorkpieceView view(machine, setup.workpiece_origin_mm);
   std::vector<SweptMove> pieces;
   Motion motion;
-  motion.to = position(reader.start);
+  motion.to = to_position(reader.start);
   double length_mm = 0;
   read_program(program, reader_dialect(dialect), machine, reader, [&](const ProgramStep& step) {
     if (step.kind == ProgramStep::kDwell) motion.stood_s += step.seconds;
@@ -57,7 +53,7 @@ void trace_file(const MachineModel& machine, const OperatorSetup& setup, const s
     if (step.kind != ProgramStep::kMove) return;
     motion.line = step.line;
     motion.from = motion.to;
-    motion.to = position(step.target);
+    motion.to = to_position(step.target);
     motion.rapid = step.rapid;
     motion.seconds = std::max(step.seconds, kRapid_s);
     motion.corner_tolerance_mm = step.corner_tolerance_mm;

@@ -35,10 +35,6 @@ constexpr double kSame = 1e-6;
 constexpr int kDecimals = 7;
 constexpr std::size_t kLinesPerReport = 4096;
 
-JointPosition to_position(const Joints& q) {
-  return {q[0], q[1], q[2], q[3], q[4]};
-}
-
 /// From lines that were sent to lines of the program; those of a restart's entry are none, those of its overlap are old.
 std::size_t count_of(const std::vector<ProgramLine>& lines, const JournalHeader& header, long sent) {
   const std::size_t base = detail::index_of_line(lines, header.uncut_line);

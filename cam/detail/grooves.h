@@ -12,7 +12,7 @@ namespace lightmill::detail {
 /// On this way a ball goes over from a groove to its own line, touching the surface. Where the two run beside each other the mean
 /// height of the cusps falls by up to h / 3 on it, an S: with h = 1.3 um the slope bends by 6 h / 3 / l^2 at most, and light at
 /// 300 mm gets brighter by 0.49 * 300 of that, 2.4 %.
-constexpr double kGoOverMm = 4;
+inline constexpr double kGoOverMm = 4;
 
 /// The cubic from one place to another with unit vectors along it at both, in even legs of about 0.2 mm or `legs`; `reach_mm` is
 /// the length of its tangents.

@@ -19,12 +19,6 @@ constexpr double kDegreesPerRad = 180 / kPi;
 constexpr double kSame = 1e-6;
 constexpr int kDecimals = 7;
 
-JointPosition position(const AxisValues& q) {
-  return {q[0], q[1], q[2], q[3], q[4]};
-}
-AxisValues values(const JointPosition& j) {
-  return {j.x_mm, j.y_mm, j.z_mm, j.outer_rad, j.inner_rad};
-}
 
 /// A word of a block: a letter and its number as it stands there.
 struct Word {
@@ -347,7 +341,7 @@ class FileRestartWriter {
     const auto found = reader_.tool_length_mm.find(tool);
     return found == reader_.tool_length_mm.end() ? 0 : found->second;
   }
-  ToolPose pose(const AxisValues& q, int tool) { return view_.cutter(position(q), length_mm(tool)); }
+  ToolPose pose(const AxisValues& q, int tool) { return view_.cutter(to_position(q), length_mm(tool)); }
 
   /// The index of the line to go on with; 0: nothing was cut before.
   std::size_t good_place(std::size_t uncut) {
@@ -417,7 +411,7 @@ class FileRestartWriter {
     // Along the tool's axis out of the box around blank and clamps, but never above the machine's top.
     double way = way_out_mm(setup_, restart_.place, state.tool, options_.clearance_mm);
     const auto at_way = [&](double mm) {
-      return values(view_.joints(restart_.place.tip_mm + mm * restart_.place.axis, q[3], q[4], length_mm(state.tool)));
+      return to_joints(view_.joints(restart_.place.tip_mm + mm * restart_.place.axis, q[3], q[4], length_mm(state.tool)));
     };
     AxisValues above = at_way(way);
     if (above[2] > machine_.retract_z_mm) {
@@ -436,7 +430,7 @@ class FileRestartWriter {
     for (const std::string& setting : modes_.settings) block(setting);
     if (syntax_.iso()) block("G90 G40");
     if (!syntax_.heidenhain()) block(syntax_.siemens() ? "G17 G40 G71 G90 G94" : "G21 G90 G94 G17 G40 G49 G80");
-    stopped_ = options_.stands.value_or(position(q));
+    stopped_ = options_.stands.value_or(to_position(q));
     const Vec3 out = outwards(view_, stopped_);
     restart_.backs_out_mm = back_out_mm(machine_, out, stopped_.z_mm, options_.back_out_mm);
     if (restart_.backs_out_mm > 0) back_out(restart_.backs_out_mm * out);
@@ -565,7 +559,7 @@ class FileRestartWriter {
       if (step.line >= restart_.first_line && kept(step)) wanted.push_back({step, step.line});
     });
     ReaderSetup reader = reader_;
-    if (restart_.backs_out_mm > 0) reader.start = values(stopped_);
+    if (restart_.backs_out_mm > 0) reader.start = to_joints(stopped_);
     ShopState state;
     state.joints = reader.start;
     AxisValues last_rapid{};
@@ -634,7 +628,7 @@ std::string cut_short(const MachineModel& machine, const OperatorSetup& setup, s
   if (machine.has_tcp) blocks.push_back(syntax.tcp_off());
   if (restart.backs_out_mm == 0) {
     WorkpieceView view(machine, setup.workpiece_origin_mm);
-    const AxisValues out = values(backed_out(view, position(state.joints), kBackOut_mm));
+    const AxisValues out = to_joints(backed_out(view, to_position(state.joints), kBackOut_mm));
     if (out[2] < machine.retract_z_mm)
       blocks.push_back(syntax.machine_rapid(syntax.word(0, out[0]) + syntax.word(1, out[1]) + syntax.word(2, out[2])));
     blocks.push_back(syntax.machine_rapid(syntax.word(2, machine.retract_z_mm)));
@@ -682,7 +676,7 @@ std::vector<PathPiece> file_path_near(const MachineModel& machine, const Operato
     }
     if (step.kind != ProgramStep::kMove) return;
     add_piece_near(place, radius_mm,
-                   {step.line, view.cutter(position(from), length_mm).tip_mm, view.cutter(position(step.target), length_mm).tip_mm,
+                   {step.line, view.cutter(to_position(from), length_mm).tip_mm, view.cutter(to_position(step.target), length_mm).tip_mm,
                     step.rapid},
                    pieces);
     from = step.target;

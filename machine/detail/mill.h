@@ -17,13 +17,6 @@
 
 namespace lightmill::detail {
 
-inline JointPosition to_position(const Joints& a) {
-  return {a[0], a[1], a[2], a[3], a[4]};
-}
-inline Joints to_joints(const JointPosition& j) {
-  return {j.x_mm, j.y_mm, j.z_mm, j.outer_rad, j.inner_rad};
-}
-
 /// Speeds in percent, as the operator has turned them.
 struct Overrides {
   int feed = 100, rapid = 100, spindle = 100;

@@ -1,4 +1,4 @@
-#include "cam/cutter_file.h"
+#include "cam/cutter.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -967,10 +967,7 @@ TEST(StockModel, ARapidThroughWhatHangsOverAnUndercutMeetsTheSolidAndNotTheHeigh
 
 TEST(StockModel, ARapidThroughATabIsOneFaultForHeightsAndSolid) {
   // A slot right through but for a tab 1 mm high and 3 mm long.
-  StockOptions options;
-  options.pitch_mm = 0.1;
-  options.solid_pitch_mm = 0.2;
-  StockModel model({{20, 12}, 4}, options);
+  StockModel model({{20, 12}, 4}, {.pitch_mm = 0.1, .solid_pitch_mm = 0.2});
   model.set_cutter(mill(3, 0));
   const Vec3 up = Vec3::UnitZ();
   feed(model, {{{-12, 0, 0}, up}, {{-3, 0, 0}, up}, {{-3, 0, 1}, up}, {{3, 0, 1}, up}, {{3, 0, 0}, up}, {{12, 0, 0}, up}});
@@ -992,10 +989,7 @@ TEST(StockModel, ARapidThroughATabIsOneFaultForHeightsAndSolid) {
 
 TEST(StockModel, AWallThinnerThanTheRaysOfTheSolidIsMet) {
   // 0.08 mm of material between two slots, between the nodes and the z rays: the y rays cross it.
-  StockOptions options;
-  options.pitch_mm = 0.1;
-  options.solid_pitch_mm = 0.4;
-  StockModel model({{12, 10}, 4}, options);
+  StockModel model({{12, 10}, 4}, {.pitch_mm = 0.1, .solid_pitch_mm = 0.4});
   model.set_cutter(mill(4, 0));
   const Vec3 up = Vec3::UnitZ();
   feed(model, {{{-9, -1.99, 2}, up}, {{9, -1.99, 2}, up}});
