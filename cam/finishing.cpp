@@ -616,6 +616,12 @@ double cusp_for_blur_um(double radius_mm, double blur_mm, double distance_mm, do
   return low;
 }
 
+double polish_that_hides_mm(double radius_mm, double stepover_mm, double distance_mm, double refractive_index, double ripple) {
+  // Curvature bunches light: of the parabolas' Fourier series the first cosine, curved by 2 / R, outlives all others.
+  const double bunching = 2 * (refractive_index - 1) * distance_mm / radius_mm;
+  return bunching > ripple ? stepover_mm / kPi * std::sqrt(0.5 * std::log(bunching / ripple)) : 0;
+}
+
 double ball_centre_height(const SplineSurface& surface, double radius_mm, double x, double y) {
   return detail::ball_contact(surface, radius_mm, x, y).z;
 }

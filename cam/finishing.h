@@ -78,6 +78,10 @@ double blur_on_screen_mm(double radius_mm, double cusp_um, double distance_mm, d
 /// The highest cusp, at most 100 um, that keeps the blur within the budget. Throws InputError when 0.01 um does not.
 double cusp_for_blur_um(double radius_mm, double blur_mm, double distance_mm, double refractive_index, double polish_sigma_mm);
 
+/// Sigma of the polish after which even passes `stepover_mm` apart change the brightness on the receiver by at most `ripple` (a
+/// share). Polished less, each cusp is a rounded little lens that draws a line of light; left raw, it scatters evenly.
+double polish_that_hides_mm(double radius_mm, double stepover_mm, double distance_mm, double refractive_index, double ripple);
+
 /// z of the centre of a ball of radius R that rests on the surface over (x, y) without gouging it anywhere (the
 /// surface's dilation); exact to 1e-6 mm by Newton on the smooth surface.
 double ball_centre_height(const SplineSurface& surface, double radius_mm, double x, double y);

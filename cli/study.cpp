@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/errors_file.h"
+#include "cli/html_page.h"
 #include "cli/machined_light.h"
 #include "cli/plot.h"
 #include "cli/simulation.h"
@@ -30,6 +31,8 @@ namespace {
 constexpr double kSemiFinished_mm = 0.05;
 /// A coarser stock does not see the slopes of cusps, only their beat with its nodes.
 constexpr double kNodesPerCusp = 8;
+/// Of the light's brightness, that polished cusps may leave to see.
+constexpr double kRipple = 0.05;
 constexpr double kFinestPitch_um = 10;
 
 /// What all cases of a study share.
@@ -72,15 +75,7 @@ std::string table_of(const std::vector<std::string>& heads, const std::vector<st
   return html + "</table>\n";
 }
 
-std::string page(const std::string& title, const std::string& body) {
-  return "<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>" + escaped(title) +
-         "</title>\n<style>body{font:15px/1.5 \"DejaVu Sans\",Arial,sans-serif;color:#1c2430;background:#f5f6f8;margin:0}"
-         "main{max-width:980px;margin:0 auto;padding:28px 24px 60px}h1{font-size:26px}table{border-collapse:collapse;background:#fff;"
-         "border:1px solid #dde2e8;margin:16px 0}th,td{padding:6px 12px;border-bottom:1px solid #dde2e8;text-align:right}"
-         "th:first-child,td:first-child{text-align:left}th{font-size:13px;color:#5b6675}svg{background:#fff;border:1px solid #dde2e8;"
-         "max-width:100%;height:auto}p.soft{color:#5b6675}</style></head><body><main>\n<h1>" +
-         escaped(title) + "</h1>\n" + body + "</main></body></html>\n";
-}
+std::string page(const std::string& title, const std::string& body) { return html_page(title, "<h1>" + escaped(title) + "</h1>\n" + body); }
 
 void write_study(const RunFolder& folder, const std::string& name, const json& record, const std::string& html) {
   std::error_code error;
@@ -266,7 +261,9 @@ void study_cusp(const Job& job, const RunFolder& folder, const StudyOptions& opt
       }
     });
     json row = {{"cusp_um", finish.cusp_um}, {"stepover_mm", path.stepover_mm}, {"pitch_um", pitch_um}, {"minutes", path.minutes(rapid)}, {"l1_error", json::array()}};
-    std::vector<std::string> cells = {compact(finish.cusp_um, 3), fixed(path.stepover_mm, 3), fixed(path.minutes(rapid), 0)};
+    const double hiding_um = 1000 * polish_that_hides_mm(job.finish.cutter.radius_mm(), path.stepover_mm, job.receiver.distance_mm, job.lens.refractive_index, kRipple);
+    row["hiding_polish_um"] = hiding_um;
+    std::vector<std::string> cells = {compact(finish.cusp_um, 3), fixed(path.stepover_mm, 3), fixed(path.minutes(rapid), path.minutes(rapid) < 10 ? 1 : 0), fixed(hiding_um, 0)};
     for (std::size_t s = 0; s < options.polish_sigmas_um.size(); ++s) {
       part.report("tracing light", 0.5 + 0.5 * static_cast<double>(s) / options.polish_sigmas_um.size());
       const double sigma = options.polish_sigmas_um[s];
@@ -281,12 +278,13 @@ void study_cusp(const Job& job, const RunFolder& folder, const StudyOptions& opt
     table.push_back(cells);
   }
 
-  std::vector<std::string> heads = {"cusp, um", "stepover, mm", "minutes"};
+  std::vector<std::string> heads = {"cusp, um", "stepover, mm", "minutes", "polish that hides it, um"};
   for (const PlotLine& line : errors) heads.push_back(line.name);
   PlotAxes axes{"planned cusp height, um", "picture error (l1)", true, false};
   const std::string body =
       "<p>Picture error through the finished lens for cusps of every height, as milled and after a polish that smooths the heights by a "
-      "Gaussian of the given sigma (a model). The finest stepover costs the most time; the curves say where it stops to pay.</p>\n" +
+      "Gaussian of the given sigma (a model). The finest stepover costs the most time; the curves say where it stops to pay. A polish of "
+      "half of what hides the cusps is worse than none: it rounds them into little lenses, and each draws a line of light.</p>\n" +
       line_plot(errors, axes) + "\n" + line_plot({minutes}, {"planned cusp height, um", "minutes of finishing", true, true}) + "\n" + table_of(heads, table) +
       "<p class=soft>" + escaped("Stock with " + compact(kNodesPerCusp, 2) + " nodes from cusp to cusp, but no finer than " + compact(kFinestPitch_um, 2) + " and no coarser than " +
               compact(options.pitch_um, 2) + " um: light as milled is right to about a tenth; minutes at the planned feeds; designed surface alone: " + fixed(folder.report().value("/design/caustic/l1_error"_json_pointer, 0.0), 3) + ".") + "</p>\n";

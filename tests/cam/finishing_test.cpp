@@ -746,6 +746,31 @@ TEST(Blur, OfCuspsIsTheirRmsSlopeOverTheThrowAndFallsWithThePolish) {
   EXPECT_THROW(cusp_for_blur_um(2, 1e-4, 300, 1.49, 0), InputError);
 }
 
+TEST(Blur, ThePolishThatHidesCuspsLeavesTheRippleAsked) {
+  // Heights of scallops, smoothed node by node; brightness on the wall goes as 1 + (n - 1) D h''.
+  const double radius = 2, stepover = 0.15, distance = 80, index = 1.49;
+  constexpr int kNodes = 256;
+  const double pitch = stepover / kNodes;
+  const auto scallop = [&](double y) { return std::pow(y - stepover * std::round(y / stepover), 2) / (2 * radius); };
+  for (const double ripple : {0.2, 0.05}) {
+    const double sigma = polish_that_hides_mm(radius, stepover, distance, index, ripple);
+    const int reach = static_cast<int>(8 * sigma / pitch);
+    std::vector<double> smooth(kNodes, 0.0);
+    for (int i = 0; i < kNodes; ++i) {
+      for (int k = -reach; k <= reach; ++k) {
+        smooth[i] += scallop((i + k) * pitch) * std::exp(-0.5 * std::pow(k * pitch / sigma, 2)) * pitch / (sigma * std::sqrt(2 * kPi));
+      }
+    }
+    double most = 0;
+    for (int i = 0; i < kNodes; ++i) {
+      const double second = smooth[(i + 1) % kNodes] - 2 * smooth[i] + smooth[(i + kNodes - 1) % kNodes];
+      most = std::max(most, std::abs((index - 1) * distance * second / (pitch * pitch)));
+    }
+    EXPECT_NEAR(most, ripple, 0.02 * ripple);
+  }
+  EXPECT_EQ(polish_that_hides_mm(2, 0.15, 0.1, 1.49, 0.05), 0) << "a wall so near that raw cusps do not show";
+}
+
 TEST(LeadTilt, TheAxisIsSmoothKeepsTheWindowAndNeverStandsUpright) {
   const Vec2 size(16, 13);
   const auto s = hilly(77, size);

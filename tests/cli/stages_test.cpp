@@ -145,6 +145,7 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   ASSERT_EQ(rows.size(), 2U);
   EXPECT_GT(rows[0].at("minutes").get<double>(), 1.5 * rows[1].at("minutes").get<double>());
   EXPECT_LT(rows[0].at("l1_error")[0].at("l1_error"), rows[1].at("l1_error")[0].at("l1_error"));
+  EXPECT_GT(rows[1].at("hiding_polish_um").get<double>(), rows[0].at("hiding_polish_um").get<double>());
   EXPECT_THAT(slurp(run + "/study/study_cusp.html"), HasSubstr("<polyline"));
   const CommandResult errors = lightmill_command({"study", "errors", job, "-o", run, "--pitch-um", "80"});
   ASSERT_EQ(errors.code, 0) << errors.err;
