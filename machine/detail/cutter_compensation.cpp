@@ -1,5 +1,7 @@
 #include "machine/detail/cutter_compensation.h"
 
+#include "machine/detail/plane_paths.h"
+
 namespace lightmill::detail {
 
 namespace {
@@ -7,10 +9,6 @@ namespace {
 // Corners that turn by less are tangent; LinuxCNC's figure.
 constexpr double kSmallCorner_rad = 0.05;
 constexpr double kGouge_rad = 1e-3;
-
-double cross(double au, double av, double bu, double bv) {
-  return au * bv - av * bu;
-}
 
 }  // namespace
 
@@ -21,6 +19,12 @@ void CutterCompensation::start(int side, double radius_mm, int u, int v, const A
   v_ = static_cast<std::size_t>(v);
   entering_ = true;
   programmed_ = centre_ = from;
+}
+
+void CutterCompensation::start_beside(int side, double radius_mm, const AxisValues& contour) {
+  start(side, radius_mm, 0, 1, contour);
+  centre_ = core_.here();
+  entering_ = false;
 }
 
 void CutterCompensation::stop() {
@@ -190,7 +194,7 @@ void CutterCompensation::turn_corner(const ContourMove& move, const Held& next) 
     ahead = {-sense * (corner.v - move.arc->v), sense * (corner.u - move.arc->u)};
   }
   // How far it turns away from the cutter's side: -90 to 270 degrees, up to 180 convex.
-  double away = -side_ * std::atan2(cross(bu, bv, ahead.u, ahead.v), bu * ahead.u + bv * ahead.v);
+  double away = -side_ * std::atan2(cross({bu, bv}, {ahead.u, ahead.v}), bu * ahead.u + bv * ahead.v);
   if (away < -kPi / 2) away += 2 * kPi;
   bool concave = away < -kSmallCorner_rad || away > kPi + kSmallCorner_rad;
   // A path that turns back on a convex arc can pass on either side: it stays outside.
@@ -239,54 +243,20 @@ void CutterCompensation::turn_corner(const ContourMove& move, const Held& next) 
 /// cutter's side.
 CutterCompensation::Point CutterCompensation::trimmed(const Held& before, const Held& next, Point corner,
                                                       Point ahead) const {
-  struct Path {
-    Point at;           // on a line, or the circle's centre
-    Point direction{};  // of a line
-    double radius = 0, sense = 0;
-  };
-  const auto tangent = [](const Path& path, Point p) {
-    return path.sense == 0 ? path.direction : Point{-path.sense * (p.v - path.at.v), path.sense * (p.u - path.at.u)};
-  };
-  const auto path = [](const Held& held, Point on, Point direction) {
-    if (!held.move.arc) return Path{on, direction};
+  const auto path = [](const Held& held, Point on, const Vec2& direction) {
+    if (!held.move.arc) return PlanePath::line({on.u, on.v}, direction);
     const ContourMove::Arc& arc = *held.move.arc;
-    return Path{{arc.u, arc.v}, {}, std::hypot(on.u - arc.u, on.v - arc.v), std::copysign(1.0, arc.turn_rad)};
+    return PlanePath::circle({arc.u, arc.v}, std::hypot(on.u - arc.u, on.v - arc.v), arc.turn_rad < 0 ? -1 : 1);
   };
   const Point here = in_plane(centre_), end = in_plane(next.move.to);
-  const Path a = path(before, here, {side_ * (here.v - corner.v) / radius_, -side_ * (here.u - corner.u) / radius_});
-  const Path b = path(next, end, ahead);
-  if (a.sense == 0 && b.sense == 0) {
-    const double turns = cross(a.direction.u, a.direction.v, b.direction.u, b.direction.v);
-    if (std::abs(turns) < 1e-12) reject(1, "the cutter does not fit into a corner that turns back");
-    const double t = cross(b.at.u - a.at.u, b.at.v - a.at.v, b.direction.u, b.direction.v) / turns;
-    return {a.at.u + t * a.direction.u, a.at.v + t * a.direction.v};
-  }
-  // A foot on the line (or on the line of both centres), and as far to both sides as the circle says.
-  Point foot{}, along{};
-  double square = 0;
-  if (a.sense == 0 || b.sense == 0) {
-    const Path &line = a.sense == 0 ? a : b, &circle = a.sense == 0 ? b : a;
-    const double t = (circle.at.u - line.at.u) * line.direction.u + (circle.at.v - line.at.v) * line.direction.v;
-    along = line.direction;
-    foot = {line.at.u + t * along.u, line.at.v + t * along.v};
-    const double off = std::hypot(circle.at.u - foot.u, circle.at.v - foot.v);
-    square = (circle.radius - off) * (circle.radius + off);
-  } else {
-    const double du = b.at.u - a.at.u, dv = b.at.v - a.at.v, d = std::hypot(du, dv);
-    if (!(d > 0)) reject(1, "two arcs about one centre in a concave corner");
-    const double t = (a.radius * a.radius + d * d - b.radius * b.radius) / (2 * d);
-    foot = {a.at.u + t * du / d, a.at.v + t * dv / d};
-    along = {-dv / d, du / d};
-    square = (a.radius - t) * (a.radius + t);
-  }
-  if (!(square >= 0)) reject(1, "the cutter does not fit into the concave corner");
-  const double s = std::sqrt(square);
-  const Point places[2] = {{foot.u + s * along.u, foot.v + s * along.v}, {foot.u - s * along.u, foot.v - s * along.v}};
-  const auto turns = [&](Point p) {
-    const Point t = tangent(a, p), n = tangent(b, p);
-    return side_ * cross(t.u, t.v, n.u, n.v);
-  };
-  return turns(places[0]) >= turns(places[1]) ? places[0] : places[1];
+  const PlanePath a =
+      path(before, here, {side_ * (here.v - corner.v) / radius_, -side_ * (here.u - corner.u) / radius_});
+  const PlanePath b = path(next, end, {ahead.u, ahead.v});
+  const auto places = crossings(a, b);
+  if (!places) reject(1, "the cutter does not fit into the concave corner");
+  const auto turns = [&](const Vec2& p) { return side_ * cross(a.direction_at(p), b.direction_at(p)); };
+  const Vec2& p = (*places)[turns((*places)[0]) >= turns((*places)[1]) ? 0 : 1];
+  return {p.x(), p.y()};
 }
 
 /// Ends what is held back at p instead; it must not run backwards for that.

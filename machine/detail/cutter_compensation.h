@@ -44,8 +44,8 @@ struct ModalFeed {
   }
 };
 
-/// All that moves in a program passes here, compensated or not. One move is held back, because a concave corner to the next shortens it; what the program says meanwhile waits
-/// behind it.
+/// All that moves in a program passes here, compensated or not. One move is held back, because a concave corner to the
+/// next shortens it; what the program says meanwhile waits behind it.
 class CutterCompensation {
  public:
   /// Who begins and ends `in_plane` does so with the next move in the plane: moves across it before leave the cutter
@@ -54,6 +54,9 @@ class CutterCompensation {
 
   /// From here on the centre keeps `radius_mm` to the left (side 1) or right (-1) of the contour in the plane u, v.
   void start(int side, double radius_mm, int u, int v, const AxisValues& from);
+  /// The same in X and Y for a machine that stands already as the next move wants it: square to its beginning, which is
+  /// at `contour`.
+  void start_beside(int side, double radius_mm, const AxisValues& contour);
   /// Lets go what was held back. The machine stands beside programmed() by the radius.
   void stop();
   /// G40: the next move, which must be straight, leaves from there.
@@ -116,7 +119,7 @@ class CutterCompensation {
   std::size_t u_ = 0, v_ = 1;
   bool entering_ = false;
   AxisValues programmed_{}, centre_{}, lead_{};
-  bool arc_refused_ = false;  ///< by the move after leave()
+  bool arc_refused_ = false;   ///< by the move after leave()
   std::optional<Point> from_;  ///< where the move held back begins
   std::vector<Held> held_;
 };

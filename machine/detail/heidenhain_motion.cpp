@@ -19,19 +19,20 @@ bool HeidenhainReader::axis_word(const Token& token, AxisValues& to, const AxisV
 
 void HeidenhainReader::circle_centre() {
   for (std::size_t i = 1; i < tokens_.size(); ++i) {
-    if (!axis_word(tokens_[i], centre_, path_.place())) expect_end(i);
+    if (!axis_word(tokens_[i], centre_, place())) expect_end(i);
   }
   if (tokens_.size() < 3) incomplete();
   has_centre_ = true;
 }
 
 /// The words of a path up to its modes, which begin at the index returned.
-std::size_t HeidenhainReader::read_path(Path& path, std::string_view kind, const AxisValues& from) {
+std::size_t HeidenhainReader::read_path(Path& path, std::string_view kind, const AxisValues& from, std::size_t first) {
   const bool polar = kind == "LP" || kind == "CP" || kind == "CTP";
-  std::size_t i = 1;
+  std::size_t i = first;
   for (; i < tokens_.size(); ++i) {
     const Token& token = tokens_[i];
     std::string_view text = token.text;
+    if (text.starts_with("CCA")) break;
     const bool adds = text.starts_with("IP");
     if (adds) text.remove_prefix(1);
     if (polar && (text.starts_with("PR") || text.starts_with("PA"))) {
@@ -68,7 +69,7 @@ std::size_t HeidenhainReader::read_path(Path& path, std::string_view kind, const
 
 void HeidenhainReader::move(std::string_view kind) {
   Path path;
-  const AxisValues from = path_.place();
+  const AxisValues from = place();
   modes(read_path(path, kind, from));
   AxisValues to = machine_coordinates_ ? core_.joints() : from;
   const AxisValues before = to;
@@ -92,33 +93,42 @@ void HeidenhainReader::move(std::string_view kind) {
 
 /// RL, RR and R0, which change on straight lines.
 void HeidenhainReader::set_compensation() {
-  const int active = path_.on() ? active_side_ : 0;
+  const int active = active_side();
   if (side_ == active) return;
+  if (approach_ || held_) reject(tokens_[0].column, "RL, RR and R0 do not change behind APPR, RND and CHF");
   if (side_ == 0) return path_.leave();
   if (active != 0) reject(tokens_[0].column, "R0 must stand between RL and RR");
+  const double radius = cutter_radius();
+  active_side_ = side_;
+  path_.start(radius >= 0 ? side_ : -side_, std::abs(radius), 0, 1, path_.place());
+}
+
+/// Of the tool in the spindle, below 0 if the table says so.
+double HeidenhainReader::cutter_radius() const {
   const auto found = core_.setup.tool_diameter_mm.find(tool_);
   if (found == core_.setup.tool_diameter_mm.end())
     reject(tokens_[0].column, "tool " + std::to_string(tool_) + " has no diameter in the tool table");
-  active_side_ = side_;
-  path_.start(found->second >= 0 ? side_ : -side_, std::abs(found->second) / 2, 0, 1, path_.place());
+  return found->second / 2;
 }
 
 void HeidenhainReader::straight(const AxisValues& to, bool axes) {
   if (!axes) return;
+  fmax_before_ = fmax_;
   if (machine_coordinates_) {
+    refuse_inside_contour();
     refuse_beside_compensation("M91");
     path_.forget_lead();
     has_heading_ = false;
     const double seconds = fmax_ ? 0 : block_seconds_ > 0 ? block_seconds_ : core_.seconds_at(to, feed_);
     return core_.move_joints(to, fmax_, seconds);
   }
-  const AxisValues from = path_.place();
+  const AxisValues from = place();
   const double du = to[0] - from[0], dv = to[1] - from[1];
   if (du != 0 || dv != 0) {
     heading_ = std::atan2(dv, du);
     has_heading_ = true;
   }
-  path_.straight(to, fmax_, block_seconds_ > 0 ? Feed{60 / block_seconds_, true} : Feed{feed_, false});
+  follow({to, fmax_, feed_, {}}, block_seconds_ > 0 ? Feed{60 / block_seconds_, true} : Feed{feed_, false});
 }
 
 /// The end in X and Y about the pole CC; what is not named stays.
@@ -139,7 +149,7 @@ void HeidenhainReader::arc(std::string_view kind, const Path& path, const AxisVa
   const int column = tokens_[0].column;
   if (block_seconds_ > 0) reject(column, "FT is understood on straight lines only");
   if (fmax_ || machine_coordinates_) reject(column, "an arc takes neither FMAX nor M91");
-  if (side_ != (path_.on() ? active_side_ : 0)) reject(column, "RL, RR and R0 change on straight lines");
+  if (side_ != active_side()) reject(column, "RL, RR and R0 change on straight lines");
   bool clockwise = path.sense < 0;
   double cu = centre_[0], cv = centre_[1];
   if (kind == "CP") {
@@ -169,7 +179,8 @@ void HeidenhainReader::arc(std::string_view kind, const Path& path, const AxisVa
   }
   heading_ = std::atan2(to[1] - cv, to[0] - cu) + (clockwise ? -kPi / 2 : kPi / 2);
   has_heading_ = true;
-  path_.arc(to, 0, 1, cu, cv, turn, {feed_, false});
+  fmax_before_ = false;
+  follow({to, false, feed_, ContourMove::Arc{cu, cv, turn}}, {feed_, false});
 }
 
 /// LN X Y Z NX NY NZ TX TY TZ under M128: T is the tool's direction. N matters to 3-D compensation, which is not on.

@@ -106,8 +106,16 @@ void HeidenhainReader::read_block() {
   for (const std::string_view path : {"L", "C", "CR", "CT", "LP", "CP", "CTP"}) {
     if (first == path) return move(first);
   }
-  if (first == "LN") return vector_move();
   if (first == "CC") return circle_centre();
+  if (first == "FN") return fn();
+  if (first.size() > 1 && first[0] == 'Q' && first[1] >= '0' && first[1] <= '9') return formula();
+  if (first == "LBL") return label();
+  if (first == "CALL") return call();
+  if (first == "RND" || first == "CHF") return corner();
+  refuse_inside_contour();
+  if (first == "APPR") return begin_approach();
+  if (first == "DEP") return depart();
+  if (first == "LN") return vector_move();
   if (first == "TOOL") return tool();
   if (first == "CYCL") return cycle();
   if (first == "BLK") {
@@ -119,16 +127,8 @@ void HeidenhainReader::read_block() {
     path_.flush();
     return core_.say(ProgramStep::kPause, 0);
   }
-  if (first == "FN") return fn();
-  if (first.size() > 1 && first[0] == 'Q' && first[1] >= '0' && first[1] <= '9') return formula();
   if (first == "PLANE") return plane();
   if (first == "FUNCTION") return function();
-  if (first == "APPR" || first == "DEP")
-    reject(tokens_[0].column, "APPR and DEP are not followed: write approach and departure as L and C with RL, RR, R0");
-  if (first == "RND" || first == "CHF")
-    reject(tokens_[0].column, "RND and CHF are not followed: write the arc or the line");
-  if (first == "LBL") return label();
-  if (first == "CALL") return call();
   if (first[0] == 'M') {
     modes(0);
     return finish();
@@ -165,6 +165,7 @@ void HeidenhainReader::frame(bool begin) {
     preset(1, 1);
     return;
   }
+  refuse_inside_contour();
   if (!begun_ || tokens_[2].text != name_) reject(tokens_[2].column, "END PGM must name the program that began");
   path_.stop();
   if (core_.tcp()) core_.set_tcp(false);
@@ -319,12 +320,12 @@ void HeidenhainReader::modes(std::size_t i) {
       case 14:
         spindle_ = code == 3 || code == 13 ? 3 : 4;
         if (rpm_ == 0) reject(token.column, "no spindle speed");
-        path_.say(ProgramStep::kSpindle, spindle_, rpm_);
-        if (code >= 13) path_.say(ProgramStep::kCoolant, 8);
+        say(ProgramStep::kSpindle, spindle_, rpm_);
+        if (code >= 13) say(ProgramStep::kCoolant, 8);
         break;
       case 7:
       case 8:
-        path_.say(ProgramStep::kCoolant, static_cast<int>(code));
+        say(ProgramStep::kCoolant, static_cast<int>(code));
         break;
       case 91:
         machine_coordinates_ = true;
@@ -359,8 +360,9 @@ void HeidenhainReader::modes(std::size_t i) {
 /// What takes effect at the block's end.
 void HeidenhainReader::finish() {
   for (const int code : ends_) {
-    if (code == 5) path_.say(ProgramStep::kSpindle, spindle_ = 5);
-    if (code == 9) path_.say(ProgramStep::kCoolant, 9);
+    if (code == 5) say(ProgramStep::kSpindle, spindle_ = 5);
+    if (code == 9) say(ProgramStep::kCoolant, 9);
+    if (code == 0 || code == 2 || code == 30) refuse_inside_contour();
     if (code == 0) {
       path_.flush();
       core_.say(ProgramStep::kPause);

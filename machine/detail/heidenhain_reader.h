@@ -71,12 +71,62 @@ class HeidenhainReader : private ExpressionReader {
   bool axis_word(const Token& token, AxisValues& to, const AxisValues& from, bool* absolute_rotary = nullptr);
   void circle_centre();
   void move(std::string_view kind);
-  std::size_t read_path(Path& path, std::string_view kind, const AxisValues& from);
+  std::size_t read_path(Path& path, std::string_view kind, const AxisValues& from, std::size_t first = 1);
+  double cutter_radius() const;
   void set_compensation();
   void straight(const AxisValues& to, bool axes);
   void polar_end(const Path& path, const AxisValues& from, AxisValues& to);
   void arc(std::string_view kind, const Path& path, const AxisValues& from, AxisValues to);
   void vector_move();
+
+  // --- Corners, approach, departure: heidenhain_contour.cpp ---
+  struct HeldPath {
+    AxisValues from{};
+    ContourMove move;
+    bool chamfer = false;
+    double size_mm = 0, corner_feed = 0;
+    long line = 0, corner_line = 0;
+  };
+  struct Transition {
+    std::string_view kind;  ///< LT, LN, CT, LCT
+    double length_mm = 0;   ///< LEN or R
+    double angle_rad = 0;   ///< CCA
+  };
+  struct Approach {
+    Transition way;
+    AxisValues to{};  ///< the contour's first point
+    int side = 0;
+    double feed = 0, feed_before = 0;
+    bool rapid_before = false;
+    long line = 0;
+  };
+  struct TouchingArc {
+    Vec2 centre;
+    double radius_mm, centre_radius_mm;  ///< of the contour, and of the cutter's centre
+    int sense;
+  };
+  struct Said {
+    ProgramStep::Kind kind;
+    int number;
+    double value;
+  };
+  /// Where the program means to stand.
+  [[nodiscard]] AxisValues place() const;
+  [[nodiscard]] int active_side() const;
+  [[nodiscard]] bool corner_follows() const;
+  void corner();
+  void follow(ContourMove next, const Feed& feed);
+  void turn_corner(ContourMove& next);
+  void begin_approach();
+  std::size_t read_transition(Path& path, Transition& way, const AxisValues& from);
+  [[nodiscard]] TouchingArc touching_arc(const Transition& way, const Vec2& at, const Vec2& along, int side,
+                                         double cutter_mm) const;
+  [[nodiscard]] double touched_at(const TouchingArc& arc, const Vec2& outside, bool ahead) const;
+  void approach(const ContourMove& first);
+  void depart();
+  void say(ProgramStep::Kind kind, int number, double value = 0);
+  void say_waiting();
+  void refuse_inside_contour() const;
 
   // --- Tilted planes: heidenhain_plane.cpp ---
   void plane();
@@ -100,8 +150,12 @@ class HeidenhainReader : private ExpressionReader {
   int tool_ = 0, spindle_ = 5;
   bool shortest_ = false, fmax_ = false, machine_coordinates_ = false, tcp_off_ = false, has_centre_ = false;
   int side_ = 0, active_side_ = 0;  ///< as programmed, and as it was when compensation began: RL 1, RR -1
+  bool fmax_before_ = false;        ///< the last straight line was at FMAX
   double heading_ = 0;              ///< of the path's end in the plane; CT goes on in it
   bool has_heading_ = false;
+  std::optional<HeldPath> held_;      ///< a corner stands behind it
+  std::optional<Approach> approach_;  ///< until the path that gives its direction
+  std::vector<Said> said_;            ///< by a block whose path waits for one of them
   std::vector<int> ends_;
   AxisValues preset_{}, shift_{}, centre_{};
   Vec3 tilted_shift_ = Vec3::Zero();  ///< of cycle 7 in a tilted plane

@@ -48,7 +48,8 @@ TEST(HeidenhainReader, SpeaksInMovesAndCycles) {
   refused("CYCL DEF 200 DRILLING", "cycle 200");
   refused("CALL LBL 7", "not set");
   refused("CALL PGM OTHER", "another file");
-  refused("APPR LT X+1 Y+2 LEN5 RL", "APPR and DEP");
+  refused("APPR LT X+1 Y+2 LEN5", "APPR needs RL or RR");
+  refused("DEP LT LEN5 F100", "DEP needs a path");
   refused("RND R2", "RND");
   refused("L X+Q5 FMAX", "never set");
   refused("QL1 = 5", "not understood");
@@ -116,8 +117,9 @@ std::string numbered(const std::vector<std::string>& blocks) {
 Reading conversation(const std::vector<std::string>& blocks) {
   return read(numbered(blocks), ReaderDialect::kHeidenhain);
 }
-void expect_conversation_refused(const std::vector<std::string>& blocks, const std::string& rule) {
-  expect_refused(numbered(blocks), rule, static_cast<long>(blocks.size()) + 1, ReaderDialect::kHeidenhain);
+/// At the last block, or some blocks before it.
+void expect_conversation_refused(const std::vector<std::string>& blocks, const std::string& rule, long before = 0) {
+  expect_refused(numbered(blocks), rule, static_cast<long>(blocks.size()) + 1 - before, ReaderDialect::kHeidenhain);
 }
 
 TEST(HeidenhainReader, ReckonsWithQParameters) {
@@ -275,6 +277,121 @@ TEST(HeidenhainReader, VectorsTurnTheTool) {
   EXPECT_LT((pose_of(r.moves[0], 80).axis - Vec3(0.3, -0.4, 0.8).normalized()).norm(), 1e-12);
   EXPECT_LT((pose_of(r.moves[0], 80).tip_mm - Vec3(1, 2, 3)).norm(), 1e-10);
   expect_conversation_refused({"LN X+1 TX+1 F100"}, "M128");
+}
+
+void expect_ends(const Reading& r, const std::vector<Vec3>& ends) {
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), ends.size());
+  for (std::size_t i = 0; i < ends.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(r.moves[i].programmed[k], ends[i][static_cast<int>(k)], 1e-9) << i;
+  }
+}
+/// All that line `line` moves lies on a circle.
+void expect_on_circle(const Reading& r, long line, double u, double v, double radius_mm) {
+  int steps = 0;
+  for (const ProgramStep& step : r.steps) {
+    if (step.kind != ProgramStep::kMove || step.line != line) continue;
+    ++steps;
+    EXPECT_NEAR(std::hypot(step.programmed[0] - u, step.programmed[1] - v), radius_mm, 1e-9);
+  }
+  EXPECT_GT(steps, 3);
+}
+
+TEST(HeidenhainReader, RoundsAndChamfersCorners) {
+  const Reading lines = conversation({"L X+0 Y+0 Z+0 F600", "L X+10", "RND R2 F300", "L Y+10", "CHF 3", "L X+20"});
+  expect_ends(lines, {{0, 0, 0}, {8, 0, 0}, {10, 2, 0}, {10, 7, 0}, {13, 10, 0}, {20, 10, 0}});
+  expect_on_circle(lines, 4, 8, 2, 2);
+  double arc_s = 0;
+  for (const ProgramStep& step : lines.steps) arc_s += step.line == 4 ? step.seconds : 0;
+  EXPECT_NEAR(arc_s, kPi / 5, 1e-5) << "the corner's feed";
+  EXPECT_NEAR(lines.moves[3].seconds, 0.5, 1e-12) << "the feed before is in force again";
+  // Up from a line into a clockwise circle about (15, 0), and the crease of two circles about (5, 0) and (11, 0).
+  const double root = std::sqrt(35);
+  const Reading circle =
+      conversation({"L X+0 Y+0 Z+0 F600", "L X+10", "RND R1", "CC X+15 Y+0", "C X+15 Y+5 DR-", "L X+30"});
+  expect_ends(circle, {{0, 0, 0}, {15 - root, 0, 0}, {15 - 5 * root / 6, 5. / 6, 0}, {15, 5, 0}, {30, 5, 0}});
+  expect_on_circle(circle, 6, 15, 0, 5);
+  const double high = 5 * std::sqrt(27) / 6;
+  const Reading crease =
+      conversation({"L X+0 Y+0 Z+0 F600", "CC X+5 Y+0", "C X+8 Y+4 DR-", "RND R1", "CC X+11 Y+0", "C X+16 Y+0 DR-"});
+  expect_ends(crease, {{0, 0, 0}, {7.5, high, 0}, {8.5, high, 0}, {16, 0, 0}});
+  expect_on_circle(crease, 5, 8, std::sqrt(27), 1);
+  // Two turns and a half, then straight out: what is cut off is their end.
+  const Reading turns = conversation({"L X+5 Y+0 Z+0 F600", "CC X+0 Y+0", "CP IPA+900 DR+", "RND R1", "L X-9"});
+  double sweep_s = 0;
+  for (const ProgramStep& step : turns.steps) sweep_s += step.line == 4 ? step.seconds : 0;
+  const double rest_rad = std::asin(1. / 6);  // the rounding's centre is 6 from (0, 0) and 1 above the line
+  EXPECT_NEAR(sweep_s, (5 * kPi - rest_rad) * 5 / 10, 1e-6);
+  // A slot's end: the roundings leave nothing of the line between them.
+  expect_ends(conversation({"L X+0 Y+0 Z+0 F600", "L X+10", "RND R5", "L Y+10", "RND R5", "L X+0 M8"}),
+              {{0, 0, 0}, {5, 0, 0}, {10, 5, 0}, {5, 10, 0}, {0, 10, 0}});
+  // A cutter of radius 2 to the right of a corner that turns left.
+  const Reading beside = conversation(
+      {"TOOL CALL 1 Z S5000", "L X-10 Y+0 Z+0 FMAX", "L X+0 RR F600", "L X+10", "RND R2", "L Y+10", "L X+20 R0"});
+  expect_ends(beside, {{-10, 0, 0}, {0, -2, 0}, {8, -2, 0}, {12, 2, 0}, {12, 10, 0}, {20, 10, 0}});
+  expect_conversation_refused({"L X+5 F600", "L X+10", "RND R6", "L Y+10"}, "larger than the paths", 1);
+  expect_conversation_refused({"L X+0 Y+0 Z+0 F600", "L X+10", "CHF 6", "L Y+5"}, "the chamfer is larger", 1);
+  expect_conversation_refused({"L X+0 F600", "L X+10", "RND R1", "L X+5"}, "turns back", 1);
+  expect_conversation_refused({"L X+0 F600", "L X+10", "RND R1", "L Y+5 Z-1"}, "in X and Y", 1);
+  expect_conversation_refused({"L X+0 F600", "L X+10", "RND R1", "L Y+5 FMAX"}, "without FMAX");
+  expect_conversation_refused({"L X+0 F600", "L X+10", "RND R1", "M30"}, "another path");
+  expect_conversation_refused({"L X+0 F600", "L X+10", "RND R0", "L Y+5"}, "above 0", 1);
+  expect_conversation_refused({"L X+0 F600", "L X+10", "CHF 1", "CR X+20 R+9 DR-"}, "straight lines", 1);
+}
+
+// A cutter of radius 2, a first path to the right; the centre runs inside the arcs of APPR and DEP.
+TEST(HeidenhainReader, ApproachesAndDeparts) {
+  const auto contour = [](const std::string& approach, const std::string& departure) {
+    return conversation({"TOOL CALL 1 Z S5000", "L X-10 Y+8 Z+5 R0 F900", approach, "L X+20", departure});
+  };
+  const Reading straight = contour("APPR LT X+0 Y+0 Z-5 LEN15 RL F600", "DEP LT LEN12.5 F300");
+  expect_ends(straight, {{-10, 8, 5}, {-15, 2, 5}, {-15, 2, -5}, {0, 2, -5}, {20, 2, -5}, {32.5, 2, -5}});
+  EXPECT_NEAR(straight.moves[2].seconds, 10 / 15., 1e-12) << "with the feed before";
+  EXPECT_NEAR(straight.moves[3].seconds, 1.5, 1e-12);
+  EXPECT_NEAR(straight.moves[5].seconds, 2.5, 1e-12);
+  expect_ends(contour("APPR LN X+0 Y+0 LEN15 RR F600", "DEP LN Z+9 LEN5"),
+              {{-10, 8, 5}, {0, -17, 5}, {0, -2, 5}, {20, -2, 5}, {20, -7, 5}, {20, -7, 9}});
+  const Reading circles = contour("APPR CT X+0 Y+0 CCA180 R+10 RR F600", "DEP CT CCA 90 R+8 F100");
+  expect_ends(circles, {{-10, 8, 5}, {0, -18, 5}, {0, -2, 5}, {20, -2, 5}, {26, -8, 5}});
+  expect_on_circle(circles, 6, 20, -8, 6);
+  for (const ProgramStep& step : circles.steps) {
+    if (step.line == 4 && step.kind == ProgramStep::kMove) {
+      EXPECT_LT(step.programmed[0], 1e-9) << "clockwise";
+    }
+  }
+  expect_ends(contour("APPR CT X+0 Y+0 CCA90 R-6 RL F600", "DEP CT CCA90 R-6"),
+              {{-10, 8, 5}, {-8, -6, 5}, {0, 2, 5}, {20, 2, 5}, {28, -6, 5}});
+  expect_ends(contour("APPR LCT X+0 Y+0 R8 RL F600", "DEP LCT X+30 Y+8 Z+7 R+8"),
+              {{-10, 8, 5}, {-3.6, 3.2, 5}, {0, 2, 5}, {20, 2, 5}, {23.6, 3.2, 5}, {30, 8, 5}, {30, 8, 7}});
+  // Polar, into an arc, behind it a corner.
+  expect_ends(
+      conversation({"TOOL CALL 1 Z S5000", "L X+0 Y+30 Z+0 FMAX", "CC X+0 Y+0", "APPR PLT PR+10 PA+180 LEN5 RL F600",
+                    "CC X+0 Y+0", "C X+0 Y+10 DR-", "L Y+20", "RND R3", "L X-10", "DEP LT LEN1", "L X+0 Y+0"}),
+      {{0, 30, 0},
+       {-12, -5, 0},
+       {-12, 0, 0},
+       {-2, std::sqrt(140), 0},
+       {-2, 17, 0},
+       {-3, 18, 0},
+       {-10, 18, 0},
+       {-11, 18, 0},
+       {0, 0, 0}});
+  const auto refused = [](const std::vector<std::string>& blocks, const std::string& rule, long before = 0) {
+    std::vector<std::string> all{"TOOL CALL 1 Z S5000", "L X-10 Y+8 Z+5 R0 F900"};
+    all.insert(all.end(), blocks.begin(), blocks.end());
+    expect_conversation_refused(all, rule, before);
+  };
+  refused({"APPR LT X+0 Y+0 LEN5 RL", "L Z-5"}, "in X and Y");
+  refused({"APPR LT X+0 Y+0 LEN5 RL", "M8"}, "a path must follow");
+  refused({"APPR LT X+0 Y+0 LEN5 RL", "L X+5 R0"}, "do not change");
+  refused({"APPR LT X+0 Y+0 LEN5"}, "needs RL or RR");
+  refused({"APPR CT X+0 Y+0 R5 RL"}, "CCA");
+  refused({"APPR XT X+0 Y+0 R5 RL"}, "LT, LN, CT or LCT");
+  refused({"APPR LT X+0 Y+0 RL"}, "LEN is missing");
+  refused({"APPR LT X+0 Y+0 LEN5 RL FMAX"}, "neither FMAX");
+  refused({"APPR CT X+0 Y+0 CCA90 R2 RL", "L X+20"}, "does not fit", 1);
+  refused({"APPR LCT X+0 Y+0 R30 RL", "L X+20"}, "too large", 1);
+  refused({"DEP LT LEN5"}, "DEP needs a path");
 }
 
 }  // namespace
