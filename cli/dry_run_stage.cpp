@@ -290,7 +290,7 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
                     {"digest_matches", outcome.digest_matches}};
   report["streams"] = streams;
   report["seconds"] = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
-  result.files.insert(result.files.end(), {"dry_run/machined.tif", "dry_run/machined_peaks.tif", "dry_run/result.json", "dry_run/faults.json",
+  result.files.insert(result.files.end(), {"dry_run/machined.tif", "dry_run/machined_peaks.tif", "dry_run/machined_peak_offsets.tif", "dry_run/result.json", "dry_run/faults.json",
                                            "dry_run/deviation.png", "dry_run/caustic_machined.png", "dry_run/caustic_machined_raw.png"});
   if (fs::exists(folder.file("dry_run/line_times.csv"))) result.files.emplace_back("dry_run/line_times.csv");
   return result;

@@ -73,7 +73,7 @@ constexpr const char* kLineTimes = "line_times.csv";
 /// Nothing of an earlier run may be taken for this one's.
 void remove_stale(const fs::path& out) {
   std::error_code error;
-  for (const char* stale : {"port", "machine.log", "machined.tif", "machined_peaks.tif", "solid.bin", "result.json", "errors.toml", kLineTimes}) fs::remove(out / stale, error);
+  for (const char* stale : {"port", "machine.log", "machined.tif", "machined_peaks.tif", "machined_peak_offsets.tif", "solid.bin", "result.json", "errors.toml", kLineTimes}) fs::remove(out / stale, error);
 }
 
 }  // namespace

@@ -163,14 +163,22 @@ Deviation measure_deviation(const MachinedSurface& machined, const SplineSurface
               m.gouge_place = {x, y};
             }
             if (gouge > options.gouge_tolerance_um) ++m.gouged;
-            const double peak = (machined.peaks_mm.values[node] - design_height) * 1000;
+            // A peak that stands beside what is measured is not the node's.
+            Vec2 place = machined.peak_place_mm(i, j);
+            double peak = machined.peaks_mm.values[node];
+            if (!measured.contains(place)) {
+              place = {x, y};
+              peak = node_height;
+            }
+            const SplineSurface::Sample below = machined.peak_offsets.values[node] == PeakOffset{} ? there : design.sample(place.x(), place.y());
+            peak = (peak - below.h) * 1000;
             if (residue < reachable.threshold_um) {
               // Along the normal, as a cusp is meant.
-              const double cusp = peak / std::sqrt(1 + there.hx * there.hx + there.hy * there.hy);
+              const double cusp = peak / std::sqrt(1 + below.hx * below.hx + below.hy * below.hy);
               cusps[node] = static_cast<float>(std::max(cusp, 0.0));
               if (cusp > m.cusp) {
                 m.cusp = cusp;
-                m.cusp_place = {x, y};
+                m.cusp_place = place;
               }
             } else {
               m.residue = std::max(m.residue, peak);

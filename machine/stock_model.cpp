@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 
 #include "design/core/errors.h"
 #include "design/core/files.h"
@@ -692,7 +693,9 @@ MachinedSurface StockModel::surface() const {
   surface.extent = impl_->field.extent();
   surface.pitch_mm = impl_->field.pitch_mm();
   surface.heights_mm = impl_->field.heights();
-  surface.peaks_mm = impl_->field.peaks();
+  StockField::Peaks peaks = impl_->field.peaks();
+  surface.peaks_mm = std::move(peaks.heights_mm);
+  surface.peak_offsets = std::move(peaks.offsets);
   surface.removed_mm3 = impl_->field.removed_mm3();
   return surface;
 }
@@ -703,25 +706,55 @@ std::shared_ptr<const SolidStock> StockModel::solid() const {
 
 namespace {
 
-constexpr const char* kFormat = "lightmill machined surface 1";
+constexpr const char* kFormat = "lightmill machined surface 2";
 
 std::filesystem::path beside(const std::filesystem::path& heights_path, const char* suffix) {
   return heights_path.parent_path() / (heights_path.stem().string() + suffix);
+}
+
+std::filesystem::path picture_beside(const std::filesystem::path& heights_path, const char* suffix) {
+  return beside(heights_path, (suffix + heights_path.extension().string()).c_str());
+}
+
+constexpr int kOffsetCodes = 256;  ///< of one axis in a picture's value
+
+Grid<float> codes_of(const Grid<PeakOffset>& offsets) {
+  Grid<float> codes(offsets.width, offsets.height);
+  std::transform(offsets.values.begin(), offsets.values.end(), codes.values.begin(), [](const PeakOffset& offset) {
+    return static_cast<float>(offset.x + PeakOffset::kMost + kOffsetCodes * (offset.y + PeakOffset::kMost));
+  });
+  return codes;
+}
+
+Grid<PeakOffset> offsets_of(const Grid<float>& codes, const std::filesystem::path& path) {
+  Grid<PeakOffset> offsets(codes.width, codes.height);
+  std::transform(codes.values.begin(), codes.values.end(), offsets.values.begin(), [&](float value) {
+    const int code = value >= 0 && value < kOffsetCodes * kOffsetCodes ? static_cast<int>(value) : -1;
+    const int x = code % kOffsetCodes, y = code / kOffsetCodes;
+    if (code < 0 || static_cast<float>(code) != value || std::max(x, y) > 2 * PeakOffset::kMost) {
+      throw InputError(path.string() + " holds " + compact(value, 3) + ", which is no place in a cell; run the dry run again");
+    }
+    return PeakOffset{static_cast<std::int8_t>(x - PeakOffset::kMost), static_cast<std::int8_t>(y - PeakOffset::kMost)};
+  });
+  return offsets;
 }
 
 }  // namespace
 
 // The picture of heights comes last: where it is, the rest is.
 void write_machined(const std::filesystem::path& heights_path, const MachinedSurface& surface) {
-  const auto peaks_path = beside(heights_path, ("_peaks" + heights_path.extension().string()).c_str());
+  const auto peaks_path = picture_beside(heights_path, "_peaks");
+  const auto offsets_path = picture_beside(heights_path, "_peak_offsets");
   const auto note_path = beside(heights_path, ".json");
   std::error_code ignored;
   std::filesystem::remove(heights_path, ignored);
   write_float_image(peaks_path, flipped_rows(surface.peaks_mm));
+  write_float_image(offsets_path, codes_of(flipped_rows(surface.peak_offsets)));
   nlohmann::ordered_json note;
   note["format"] = kFormat;
   note["heights"] = heights_path.filename().string();
   note["peaks"] = peaks_path.filename().string();
+  note["peak_offsets"] = offsets_path.filename().string();
   note["unit"] = "mm";
   note["rows"] = "top row at the largest y";
   note["columns_count"] = surface.heights_mm.width;
@@ -756,10 +789,12 @@ MachinedSurface read_machined(const std::filesystem::path& heights_path) {
     throw InputError("cannot understand " + note_path.string() + ": " + error.what() + "; run the dry run again");
   }
   surface.heights_mm = flipped_rows(read_float_image(heights_path));
-  surface.peaks_mm =
-      flipped_rows(read_float_image(beside(heights_path, ("_peaks" + heights_path.extension().string()).c_str())));
-  for (const Grid<float>* grid : {&surface.heights_mm, &surface.peaks_mm}) {
-    if (grid->width != columns || grid->height != rows) {
+  surface.peaks_mm = flipped_rows(read_float_image(picture_beside(heights_path, "_peaks")));
+  const auto offsets_path = picture_beside(heights_path, "_peak_offsets");
+  surface.peak_offsets = flipped_rows(offsets_of(read_float_image(offsets_path), offsets_path));
+  const auto size_of = [](const auto& grid) { return std::pair(grid.width, grid.height); };
+  for (const auto& size : {size_of(surface.heights_mm), size_of(surface.peaks_mm), size_of(surface.peak_offsets)}) {
+    if (size != std::pair(columns, rows)) {
       throw InputError(heights_path.string() + " has another size than " + note_path.string() +
                        " says; run the dry run again");
     }

@@ -1,6 +1,7 @@
 // The blank as a height field in the workpiece frame, and what swept cutters leave of it.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -22,15 +23,29 @@ struct StockOptions {
   double solid_pitch_mm = 0.0;      ///< of a true solid that is milled beside the height field; 0: none
 };
 
+/// Where in its node's cell a peak is.
+struct PeakOffset {
+  static constexpr int kMost = 127;  ///< half a pitch
+  std::int8_t x = 0, y = 0;
+  friend bool operator==(const PeakOffset&, const PeakOffset&) = default;
+};
+
 /// What is left after the program: node (i, j) at extent.min + pitch * (i, j), row 0 at the smallest y.
 struct MachinedSurface {
   Box2 extent;
   double pitch_mm = 0;
-  Grid<float> heights_mm;      ///< analytic at the nodes (lower envelope of the swept cutter)
-  /// Highest place within half a pitch of the node, ridges between ball passes intersected analytically, carried back to the
-  /// node along the mean slope of the surfaces that meet there: peak minus design at the node is the cusp, on slopes, too.
+  Grid<float> heights_mm;  ///< analytic at the nodes (lower envelope of the swept cutter)
+  /// Highest place within half a pitch of the node, as seen along the surface: of the ridges between ball passes, which are intersected
+  /// analytically, and the node itself. Its height is that of the place: minus the design there it is the cusp.
   Grid<float> peaks_mm;
+  Grid<PeakOffset> peak_offsets;
   double removed_mm3 = 0;
+
+  [[nodiscard]] Vec2 node_place_mm(int i, int j) const { return extent.min + pitch_mm * Vec2(i, j); }
+  [[nodiscard]] Vec2 peak_place_mm(int i, int j) const {
+    const PeakOffset& offset = peak_offsets.at(i, j);
+    return node_place_mm(i, j) + pitch_mm / 2 / PeakOffset::kMost * Vec2(offset.x, offset.y);
+  }
 };
 
 /// Removes material move by move. Cuts are collected and applied in batches on all threads; results do not depend on either.
@@ -64,8 +79,8 @@ class StockModel {
   std::unique_ptr<Impl> impl_;
 };
 
-/// machined.tif (heights, float mm, top row at the largest y), machined_peaks.tif and machined.json (pitch, extent, volume)
-/// beside it. Each is whole or absent, the heights come last: where they are, the others are.
+/// machined.tif (heights, float mm, top row at the largest y), machined_peaks.tif, machined_peak_offsets.tif (x + 256 y, each from 0
+/// to 254 for a pitch, 127 the node) and machined.json (pitch, extent, volume) beside it. Each is whole or absent, the heights come last: where they are, the others are.
 void write_machined(const std::filesystem::path& heights_path, const MachinedSurface& surface);
 MachinedSurface read_machined(const std::filesystem::path& heights_path);
 

@@ -339,15 +339,16 @@ std::optional<Ridge> ridge_in_cell(const BallWitness& one, const BallWitness& ot
 
 }  // namespace
 
-Grid<float> StockField::peaks() const {
-  Grid<float> peaks(heights_.width, heights_.height);
+StockField::Peaks StockField::peaks() const {
+  Peaks peaks{heights_, Grid<PeakOffset>(heights_.width, heights_.height)};
   const double half = pitch_mm_ / 2;
+  const double step = half / PeakOffset::kMost;
+  const auto steps = [&](double mm) { return static_cast<std::int8_t>(std::lround(mm / step)); };
   parallel_blocks(heights_.height, 16, [&](std::size_t begin, std::size_t end) {
     for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
       for (int i = 0; i < heights_.width; ++i) {
         const std::size_t node = heights_.index(i, j);
         const double own = heights_.values[node];
-        peaks.values[node] = heights_.values[node];
         // The balls that made the 3 x 3 nodes around, each once.
         std::uint32_t makers[9];
         int count = 0;
@@ -364,7 +365,7 @@ Grid<float> StockField::peaks() const {
           const BallWitness& ball = witnesses_[makers[k]];
           around[k] = swept_ball(ball.from, ball.to, ball.radius_mm, x(i), y(j));
         }
-        double peak = own;
+        double highest = own;  // carried to the node along the slope between the surfaces that meet
         for (int a = 0; a < count; ++a) {
           for (int b = a + 1; b < count; ++b) {
             const auto ridge =
@@ -382,10 +383,15 @@ Grid<float> StockField::peaks() const {
             // Where neither of the two made the node, it lies beyond another ridge (two motions of one pass, the node
             // on the next one's flank): their plane is that much too high over it.
             const double beyond = std::max(0.0, std::min(around[a].height, around[b].height) - own);
-            peak = std::max(peak, envelope - ridge->slope_x * ridge->x - ridge->slope_y * ridge->y - beyond);
+            const double there = envelope - ridge->slope_x * ridge->x - ridge->slope_y * ridge->y - beyond;
+            if (there <= highest) continue;
+            highest = there;
+            const PeakOffset offset{steps(ridge->x), steps(ridge->y)};
+            peaks.offsets.values[node] = offset;
+            peaks.heights_mm.values[node] = static_cast<float>(envelope + ridge->slope_x * (offset.x * step - ridge->x) +
+                                                               ridge->slope_y * (offset.y * step - ridge->y));
           }
         }
-        peaks.values[node] = static_cast<float>(peak);
       }
     }
   });

@@ -9,6 +9,7 @@
 #include "cam/blank.h"
 #include "design/core/grid.h"
 #include "machine/detail/stock_sweep.h"
+#include "machine/stock_model.h"
 
 namespace lightmill {
 
@@ -65,8 +66,12 @@ class StockField {
   [[nodiscard]] double pitch_mm() const { return pitch_mm_; }
   [[nodiscard]] const Grid<float>& heights() const { return heights_; }
   [[nodiscard]] double removed_mm3() const;
-  /// Highest points of the cells around the nodes, see MachinedSurface::peaks_mm.
-  [[nodiscard]] Grid<float> peaks() const;
+  /// Highest points of the cells around the nodes, see MachinedSurface.
+  struct Peaks {
+    Grid<float> heights_mm;
+    Grid<PeakOffset> offsets;
+  };
+  [[nodiscard]] Peaks peaks() const;
 
  private:
   template <typename Visit>

@@ -162,7 +162,8 @@ int main(int argc, char** argv) {
   for (int j = 2; j < surface.heights_mm.height - 2; ++j) {
     for (int i = 2; i < surface.heights_mm.width - 2; ++i) {
       const double design = lens(surface.extent.min.x() + pitch * i, surface.extent.min.y() + pitch * j);
-      highest = std::max(highest, surface.peaks_mm.at(i, j) - design);
+      const Vec2 peak = surface.peak_place_mm(i, j);
+      highest = std::max(highest, surface.peaks_mm.at(i, j) - lens(peak.x(), peak.y()));
       lowest = std::min(lowest, surface.heights_mm.at(i, j) - design);
     }
   }
@@ -174,7 +175,7 @@ int main(int argc, char** argv) {
     write_machined(path, surface);
     writing.stop(0, 0);
     for (const char* name :
-         {"stock_bench_machined.tif", "stock_bench_machined_peaks.tif", "stock_bench_machined.json"}) {
+         {"stock_bench_machined.tif", "stock_bench_machined_peaks.tif", "stock_bench_machined_peak_offsets.tif", "stock_bench_machined.json"}) {
       std::filesystem::remove(std::filesystem::temp_directory_path() / name);
     }
   }

@@ -45,6 +45,7 @@ MachinedSurface exactly(const SplineSurface& design, const Box2& extent, double 
     }
   }
   surface.peaks_mm = surface.heights_mm;
+  surface.peak_offsets = Grid<PeakOffset>(width, height);
   return surface;
 }
 
@@ -168,6 +169,31 @@ TEST(Deviation, JudgesAConcaveCreaseByWhatTheBallCanReach) {
   EXPECT_GT(deviation.residue_um, 39);
 }
 
+/// A block of 9 mm after passes of a ball along y, its centre at these x and z.
+MachinedSurface milled_along_y(const Vec2& size, double radius, const std::vector<Vec2>& centres) {
+  StockModel model({size, 9}, {0.02, 0});
+  Cutter ball;
+  ball.diameter_mm = 2 * radius;
+  ball.corner_radius_mm = radius;
+  ball.flute_length_mm = 8;
+  ball.shank_diameter_mm = 4;
+  ball.length_mm = 50;
+  model.set_cutter(ball);
+  const Vec3 axis = Vec3(0.2, 0.4, 1).normalized();
+  SweptMove move;
+  move.spindle_on = true;
+  for (const Vec2& centre : centres) {
+    const Vec3 tip = Vec3(centre.x(), 0, centre.y()) - radius * axis;
+    move.from = {tip + Vec3(0, -4, 0), axis};
+    move.to = {tip + Vec3(0, 4, 0), axis};
+    ++move.line;
+    model.move(move);
+  }
+  model.flush();
+  EXPECT_TRUE(model.faults().empty());
+  return model.surface();
+}
+
 TEST(Deviation, OfAMilledCylinderIsItsScallops) {
   // Ball passes along y at equal angles over a convex cylinder of radius 30 whose axis lies along y.
   const double big = 30;
@@ -176,28 +202,12 @@ TEST(Deviation, OfAMilledCylinderIsItsScallops) {
   const auto height = [&](double x, double) { return 8 - big + std::sqrt(big * big - x * x); };
   const Box2 extent{{-3, -1}, {3, 1}};
   const SplineSurface design = spline_of(extent, 120, 40, height);
-  StockModel model({{6, 2}, 9}, {0.02, 0});
-  Cutter ball;
-  ball.diameter_mm = 2 * r;
-  ball.corner_radius_mm = r;
-  ball.flute_length_mm = 8;
-  ball.shank_diameter_mm = 4;
-  ball.length_mm = 50;
-  model.set_cutter(ball);
-  const Vec3 axis = Vec3(0.2, 0.4, 1).normalized();
-  SweptMove move;
-  move.spindle_on = true;
+  std::vector<Vec2> centres;
   for (int k = -40; k <= 40; ++k) {
     const double t = (k + 0.37) * angle;
-    const Vec3 centre(std::sin(t) * (big + r), 0, 8 - big + std::cos(t) * (big + r));
-    move.from = {centre - r * axis + Vec3(0, -4, 0), axis};
-    move.to = {centre - r * axis + Vec3(0, 4, 0), axis};
-    move.line = k;
-    model.move(move);
+    centres.emplace_back(std::sin(t) * (big + r), 8 - big + std::cos(t) * (big + r));
   }
-  model.flush();
-  EXPECT_TRUE(model.faults().empty());
-  const Deviation deviation = measure_deviation(model.surface(), design, {});
+  const Deviation deviation = measure_deviation(milled_along_y({6, 2}, r, centres), design, {});
   // Between two centres at distance big + r the ridge stands this high along the cylinder's normal.
   const double half_chord = (big + r) * std::sin(angle / 2);
   const double cusp = (big + r) * std::cos(angle / 2) - std::sqrt(r * r - half_chord * half_chord) - big;
@@ -205,6 +215,27 @@ TEST(Deviation, OfAMilledCylinderIsItsScallops) {
   EXPECT_NEAR(deviation.p99_cusp_um, cusp * 1000, 0.01 * cusp * 1000);
   EXPECT_LT(deviation.max_gouge_um, 0.02);
   EXPECT_EQ(deviation.unreachable_area_mm2, 0);
+}
+
+// In a hollow cylinder little wider than the ball the surface bends away by more than a cusp's share between a ridge and its node.
+TEST(Deviation, OfAMilledHollowIsItsScallops) {
+  const double hollow = 2.4;
+  const double r = 2;
+  const double axis_z = 8;
+  const SplineSurface design = spline_of({{-1, -0.5}, {1, 0.5}}, 160, 80, [&](double x, double) { return axis_z - std::sqrt(hollow * hollow - x * x); });
+  const double to_centre = hollow - r;
+  const double angle = 0.31;
+  std::vector<Vec2> centres;
+  for (int k = -4; k <= 4; ++k) {
+    const double t = (k + 0.37) * angle;
+    centres.emplace_back(std::sin(t) * to_centre, axis_z - std::cos(t) * to_centre);
+  }
+  const Deviation deviation = measure_deviation(milled_along_y({2, 1}, r, centres), design, {});
+  const double half_chord = to_centre * std::sin(angle / 2);
+  const double cusp = hollow - to_centre * std::cos(angle / 2) - std::sqrt(r * r - half_chord * half_chord);
+  EXPECT_NEAR(deviation.max_cusp_um, cusp * 1000, 0.005);
+  const double from_ridge = std::remainder(std::asin(deviation.cusp_place_mm.x() / (hollow - cusp)) - 0.87 * angle, angle);
+  EXPECT_NEAR(from_ridge * hollow, 0, 2e-4) << "told where it stands, not at its node";
 }
 
 TEST(Deviation, StopsWhenAskedAndDoesNotDependOnThreads) {

@@ -59,11 +59,13 @@ inline Written written(const ToolPath& given, MachineModel machine = hostile_mac
   return {shop_on(machine, work), write_program(machine, work, plan_motion(machine, work, path), options).text};
 }
 
-/// A ridge beside the part of a motion that was broken off may be read too low (at its node): there `lower_peaks` do not count.
+/// A ridge beside the part of a motion that was broken off may be missed, or another one taken: without `lower_peaks` only peaks at
+/// the same place of a node's cell count, and those that are higher.
 inline double worst_um(const MachinedSurface& a, const MachinedSurface& b, bool lower_peaks = true) {
   double worst = 0;
   for (std::size_t i = 0; i < a.heights_mm.values.size(); ++i) {
     worst = std::max(worst, 1000.0 * std::abs(a.heights_mm.values[i] - b.heights_mm.values[i]));
+    if (!lower_peaks && a.peak_offsets.values[i] != b.peak_offsets.values[i]) continue;
     const double higher = b.peaks_mm.values[i] - a.peaks_mm.values[i];
     worst = std::max(worst, 1000.0 * (lower_peaks ? std::abs(higher) : higher));
   }

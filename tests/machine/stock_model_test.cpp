@@ -204,7 +204,8 @@ TEST(StockModel, ScallopsOnASlopeKeepTheirHeightAlongItsNormal) {
       const double x = surface.extent.min.x() + surface.pitch_mm * i;
       const double y = surface.extent.min.y() + surface.pitch_mm * j;
       EXPECT_GT(surface.heights_mm.at(i, j), plane(x, y) - 1e-5);
-      highest = std::max(highest, surface.peaks_mm.at(i, j) - plane(x, y));
+      const Vec2 place = surface.peak_place_mm(i, j);
+      highest = std::max(highest, surface.peaks_mm.at(i, j) - plane(place.x(), place.y()));
     }
   }
   EXPECT_NEAR(highest, cusp_vertical, 3e-6);
@@ -231,7 +232,7 @@ TEST(StockModel, ScallopsOnACapFollowItsCurvature) {
   const int i = (surface.peaks_mm.width - 1) / 2;
   double peak = -1;
   for (int j = 0; j < surface.peaks_mm.height; ++j) {
-    const double y = surface.extent.min.y() + surface.pitch_mm * j;
+    const double y = surface.node_place_mm(i, j).y();
     if (std::abs(y) < 0.03) peak = std::max<double>(peak, surface.peaks_mm.at(i, j) - top);
   }
   EXPECT_NEAR(peak, expected, 3e-6);
@@ -239,11 +240,9 @@ TEST(StockModel, ScallopsOnACapFollowItsCurvature) {
   double highest = 0;
   for (int j = 3; j < surface.peaks_mm.height - 3; ++j) {
     for (int k = 3; k < surface.peaks_mm.width - 3; ++k) {
-      const double x = surface.extent.min.x() + surface.pitch_mm * k;
-      const double y = surface.extent.min.y() + surface.pitch_mm * j;
-      const double cap = top - big + std::sqrt(big * big - x * x - y * y);
-      EXPECT_GT(surface.heights_mm.at(k, j), cap - 2e-6);
-      highest = std::max(highest, surface.peaks_mm.at(k, j) - cap);
+      const auto cap = [&](const Vec2& p) { return top - big + std::sqrt(big * big - p.squaredNorm()); };
+      EXPECT_GT(surface.heights_mm.at(k, j), cap(surface.node_place_mm(k, j)) - 2e-6);
+      highest = std::max(highest, surface.peaks_mm.at(k, j) - cap(surface.peak_place_mm(k, j)));
     }
   }
   EXPECT_LT(highest, expected * 1.01 + 2e-5);
@@ -305,7 +304,9 @@ TEST(StockModel, PeaksOnAWavySurfaceEqualADenseSearch) {
     for (int i = 1; i + 1 < surface.heights_mm.width; ++i) {
       const double x = surface.extent.min.x() + surface.pitch_mm * i;
       const double y = surface.extent.min.y() + surface.pitch_mm * j;
-      const double peak = surface.peaks_mm.at(i, j) - design(x, y);
+      const Vec2 place = surface.peak_place_mm(i, j);
+      EXPECT_LE((place - Vec2(x, y)).cwiseAbs().maxCoeff(), surface.pitch_mm / 2 + 1e-12);
+      const double peak = surface.peaks_mm.at(i, j) - design(place.x(), place.y());
       double found = 0;
       for (int b = -4; b <= 4; ++b) {
         for (int a = -2; a <= 2; ++a) {
@@ -476,6 +477,7 @@ TEST(StockModel, CutsCommuteRepeatAndSplitWithoutChange) {
   set_thread_count(1);
   EXPECT_EQ(cut(blank, 0.05, ball(2 * r), path).heights_mm.values, once.heights_mm.values);
   EXPECT_EQ(cut(blank, 0.05, ball(2 * r), path).peaks_mm.values, once.peaks_mm.values);
+  EXPECT_EQ(cut(blank, 0.05, ball(2 * r), path).peak_offsets.values, once.peak_offsets.values);
   set_thread_count(0);
   StockModel pieces(blank, {0.05, 0});
   pieces.set_cutter(ball(2 * r));
@@ -1009,11 +1011,13 @@ TEST(StockModel, FilesReadBackAsWritten) {
   const test::ScratchFolder folder;
   const auto path = folder / "machined.tif";
   const MachinedSurface surface =
-      cut({{5, 3}, 4}, 0.05, ball(4), {pose_of_centre({-4, 0.7, 5}, 2), pose_of_centre({4, -0.3, 4.5}, 2)});
+      cut({{5, 3}, 4}, 0.05, ball(4), {pose_of_centre({-4, 0.7, 5}, 2), pose_of_centre({4, -0.3, 4.5}, 2), pose_of_centre({-4, -0.6, 5}, 2)});
   write_machined(path, surface);
   const MachinedSurface back = read_machined(path);
   EXPECT_EQ(back.heights_mm.values, surface.heights_mm.values);
   EXPECT_EQ(back.peaks_mm.values, surface.peaks_mm.values);
+  EXPECT_EQ(back.peak_offsets.values, surface.peak_offsets.values);
+  EXPECT_TRUE(back.peak_offsets.values != Grid<PeakOffset>(101, 61).values);
   EXPECT_EQ(back.pitch_mm, surface.pitch_mm);
   EXPECT_EQ(back.extent.min, surface.extent.min);
   EXPECT_EQ(back.extent.max, surface.extent.max);
