@@ -155,7 +155,8 @@ class Syntax {
   [[nodiscard]] bool jumps(std::string_view line) const {
     const std::string_view block = bare(line);
     if (conversational()) return block.starts_with("LBL") || block.starts_with("CALL") || block.starts_with("FN ");
-    if (siemens() || iso()) return false;
+    if (iso()) return block.starts_with("G98") || begins_with_code(block, 'L') || begins_with_code(block, 'D');
+    if (siemens()) return false;
     if (!fanuc() && !block.empty() && (block.front() == 'O' || block.front() == 'o')) return true;
     return block.find('#') < block.find_first_of("(;") || block.find("M98") < block.find_first_of("(;");
   }
@@ -195,6 +196,9 @@ class Syntax {
   ReaderDialect dialect_;
   const MachineModel& machine_;
 
+  static bool begins_with_code(std::string_view block, char letter) {
+    return block.size() > 1 && block[0] == letter && block[1] >= '0' && block[1] <= '9';
+  }
   static void read_code(const std::string& name, TextModes& modes) {
     static const std::vector<std::string> cycles{"G33", "G73", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"};
     const bool cycle = std::find(cycles.begin(), cycles.end(), name) != cycles.end();

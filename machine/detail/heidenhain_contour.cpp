@@ -70,10 +70,10 @@ int HeidenhainReader::active_side() const {
 /// Whether the block behind this one, as they stand in the program, is a corner.
 bool HeidenhainReader::corner_follows() const {
   for (std::size_t i = at_ + 1; i < lines_.size(); ++i) {
-    const std::size_t word = lines_[i].find_first_not_of("0123456789 \t");
+    const std::size_t word = lines_[i].find_first_not_of(iso_ ? "N0123456789 \t" : "0123456789 \t");
     if (word == std::string_view::npos) continue;
     const std::string_view rest = lines_[i].substr(word);
-    return rest.starts_with("RND") || rest.starts_with("CHF");
+    return rest.starts_with(iso_ ? "G25" : "RND") || rest.starts_with(iso_ ? "G24" : "CHF");
   }
   return false;
 }

@@ -14,8 +14,12 @@ bool is_digit(char c) {
 
 }  // namespace
 
+/// Of the cursor: within the word that it stands in or behind.
 int HeidenhainReader::column() const {
-  return static_cast<int>(p_ - line_.data()) + 1;
+  const auto behind =
+      std::find_if(tokens_.begin(), tokens_.end(), [&](const Token& token) { return token.text.data() > p_; });
+  const Token& token = behind == tokens_.begin() ? tokens_.front() : *(behind - 1);
+  return token.column + static_cast<int>(p_ - token.text.data());
 }
 
 void HeidenhainReader::read_from(std::size_t token) {

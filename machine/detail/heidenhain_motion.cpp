@@ -105,10 +105,12 @@ void HeidenhainReader::set_compensation() {
 
 /// Of the tool in the spindle, below 0 if the table says so.
 double HeidenhainReader::cutter_radius() const {
+  if (const auto defined = defined_tools_.find(tool_); defined != defined_tools_.end())
+    return defined->second.radius_mm + radius_delta_mm_;
   const auto found = core_.setup.tool_diameter_mm.find(tool_);
   if (found == core_.setup.tool_diameter_mm.end())
     reject(tokens_[0].column, "tool " + std::to_string(tool_) + " has no diameter in the tool table");
-  return found->second / 2;
+  return found->second / 2 + radius_delta_mm_;
 }
 
 void HeidenhainReader::straight(const AxisValues& to, bool axes) {

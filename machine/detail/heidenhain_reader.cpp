@@ -31,34 +31,38 @@ constexpr Grammar kHeidenhain{'(', ')', 3, kOperators, kFunctions, {}, true, tru
 
 }  // namespace
 
-HeidenhainReader::HeidenhainReader(std::string_view text, ReaderCore& core)
-    : ExpressionReader(kHeidenhain), core_(core), path_(core, true), lines_(split_lines(text)) {}
+HeidenhainReader::HeidenhainReader(std::string_view text, ReaderCore& core, bool iso)
+    : ExpressionReader(kHeidenhain), core_(core), path_(core, true), lines_(split_lines(text)), iso_(iso) {}
 
 ReadResult HeidenhainReader::run() {
   return run_lines(
-      core_, lines_.size(), ended_, "END PGM is missing",
+      core_, lines_.size(), ended_,
+      iso_ ? "the program's last block, % and its name, is missing" : "END PGM is missing",
       [this](std::size_t at) {
         at_ = at;
         next_ = at + 1;
-        if (split(lines_[at])) read_block();
+        if (split(lines_[at])) iso_ ? read_iso_block() : read_block();
         return next_;
       },
       [this] { check_frame(); });
 }
 
-/// Block numbers count from 0 without a gap; labels are found before anything moves.
+/// Block numbers count from 0 without a gap, or grow (DIN/ISO); labels are found before anything moves.
 void HeidenhainReader::check_frame() {
-  long expected = 0;
+  long last = -1;
+  bool first = true;
   for (std::size_t i = 0; i < lines_.size(); ++i) {
     core_.line = static_cast<long>(i) + 1;
     const bool follows = continued_;
-    if (!split(lines_[i])) continue;
-    if (follows) continue;
-    if (number_ != expected) reject(1, "block number " + std::to_string(expected) + " expected");
-    ++expected;
-    if (tokens_.size() == 2 && tokens_[0].text == "LBL" && tokens_[1].text != "0") {
-      if (!labels_.emplace(tokens_[1].text, i).second) reject(tokens_[1].column, "label set twice");
-    }
+    if (!split(lines_[i]) || follows) continue;
+    if (iso_ && !first && number_ <= last) reject(1, "block numbers are whole and grow");
+    if (!iso_ && number_ != last + 1) reject(1, "block number " + std::to_string(last + 1) + " expected");
+    last = number_;
+    first = false;
+    const bool labels = tokens_.size() == 2 && (iso_ ? is(0, "G98") && tokens_[1].text[0] == 'L' : is(0, "LBL"));
+    if (!labels) continue;
+    const std::string_view name = tokens_[1].text.substr(iso_ ? 1 : 0);
+    if (name != "0" && !labels_.emplace(name, i).second) reject(tokens_[1].column, "label set twice");
   }
   continued_ = false;
 }
@@ -69,37 +73,38 @@ void HeidenhainReader::preset(double n, int column) {
   renew_offset();
 }
 
-/// Words of a block without its number and comment; false if nothing is left.
+/// Words of a block without its number, comment and end; false if nothing is left.
 bool HeidenhainReader::split(std::string_view line) {
   split_words(line, tokens_);
-  line_ = line;
   const bool follows = continued_;
-  continued_ = false;
-  if (!tokens_.empty() && tokens_.back().text == "~") {
-    continued_ = true;
-    tokens_.pop_back();
-  }
-  if (tokens_.empty()) {
-    if (line.find_first_not_of(" \t") == std::string_view::npos || follows) return false;
+  const std::size_t last = line.find_last_not_of(" \t");
+  continued_ = last != std::string_view::npos && line[last] == '~';  // behind the comment, too
+  if (!tokens_.empty() && tokens_.back().text == "~") tokens_.pop_back();
+  if (tokens_.empty() && (iso_ || follows || last == std::string_view::npos)) return false;
+  if (iso_ && !continued_) {
+    if (tokens_.back().text == "*")
+      tokens_.pop_back();
+    else if (line.find(';') == std::string_view::npos)
+      reject(tokens_.back().column, "a block ends with *");
+    if (tokens_.empty()) return false;
   }
   if (follows) return true;
+  number_ = -1;
+  if (iso_ && tokens_[0].text[0] != 'N') return true;
   if (tokens_.empty()) reject(1, "a block number is missing");
-  const char* p = tokens_[0].text.data();
-  const char* const end = p + tokens_[0].text.size();
+  const char* p = tokens_[0].text.data() + (iso_ ? 1 : 0);
+  const char* const end = tokens_[0].text.data() + tokens_[0].text.size();
   double n = 0;
-  if (!read_digits(p, end, n) || p != end || n > 1e8) reject(1, "a block number is missing");
+  if (!read_digits(p, end, n) || p != end || n > 1e8 || n != std::floor(n)) reject(1, "a block number is missing");
   number_ = static_cast<long>(n);
   tokens_.erase(tokens_.begin());
-  return true;
+  return !tokens_.empty() || !iso_;
 }
 
 void HeidenhainReader::read_block() {
   if (tokens_.empty()) return;
   const std::string_view first = tokens_[0].text;
-  if (cycle_247_) {
-    cycle_247_ = false;
-    return cycle_247(0);
-  }
+  if (defining_) return read_cycle_words(0);
   if (first == "BEGIN" || first == "END") return frame(first == "BEGIN");
   if (!begun_) reject(tokens_[0].column, "the program must start with BEGIN PGM");
   if (first == "*") return;  // a heading
@@ -119,7 +124,8 @@ void HeidenhainReader::read_block() {
   if (first == "TOOL") return tool();
   if (first == "CYCL") return cycle();
   if (first == "BLK") {
-    if (!is(1, "FORM") || tokens_.size() < 6 || (tokens_[2].text != "0.1" && tokens_[2].text != "0.2")) incomplete();
+    const bool known = is(2, "0.1") || is(2, "0.2") || is(2, "CYLINDER");
+    if (!is(1, "FORM") || tokens_.size() < 6 || !known) incomplete();
     return;
   }
   if (first == "STOP") {
@@ -181,7 +187,7 @@ void HeidenhainReader::renew_offset() {
 }
 
 void HeidenhainReader::tool() {
-  if (is(1, "DEF")) return;
+  if (is(1, "DEF")) return define_tool();
   if (!is(1, "CALL") || tokens_.size() < 3) incomplete();
   refuse_beside_compensation("TOOL CALL");
   std::size_t i = 2;
@@ -194,15 +200,16 @@ void HeidenhainReader::tool() {
     selected = static_cast<int>(n);
     i = 4;
   }
-  double length = core_.tool_length(selected, tokens_[2].column);
+  double length = tool_length(selected, tokens_[2].column);
+  radius_delta_mm_ = 0;
   for (; i < tokens_.size(); ++i) {
     const std::string_view text = tokens_[i].text;
     if (text[0] == 'S') {
       rpm_ = number(text.substr(1), tokens_[i].column);
       if (rpm_ < 0 || rpm_ > core_.machine.max_spindle_rpm)
         reject(tokens_[i].column, "spindle speed out of the machine's range");
-    } else if (text.starts_with("DL")) {
-      length += number(text.substr(2), tokens_[i].column) * unit_;
+    } else if (text.starts_with("DL") || (text.starts_with("DR") && !text.starts_with("DR2"))) {
+      (text[1] == 'L' ? length : radius_delta_mm_) += number(text.substr(2), tokens_[i].column) * unit_;
     } else {
       reject(tokens_[i].column, "'" + std::string(text) + "' is not understood here");
     }
@@ -217,69 +224,24 @@ void HeidenhainReader::tool() {
   }
 }
 
-/// Q339=+1, or with blanks between.
-void HeidenhainReader::cycle_247(std::size_t i) {
-  refuse_beside_compensation("cycle 247");
-  if (!tokens_[i].text.starts_with("Q339")) reject(tokens_[i].column, "cycle 247 needs Q339");
-  read_from(i);
-  take("Q339");
-  skip_blanks();
-  if (!take("=")) reject(column(), "'=' is missing");
-  const int where = column();
-  const double n = value();
-  skip_blanks();
-  if (p_ != end_ && *p_ != ';') reject(column(), "nothing may follow Q339");
-  preset(n, where);
+/// TOOL DEF 5 L+10 R+5 measures a tool; without L and R it has the magazine look for it.
+void HeidenhainReader::define_tool() {
+  if (tokens_.size() < 3) incomplete();
+  const double n = number(tokens_[2].text, tokens_[2].column);
+  if (n < 0 || n > 32767 || n != std::floor(n)) reject(tokens_[2].column, "tool numbers are whole and not negative");
+  if (tokens_.size() == 3) return;
+  DefinedTool tool;
+  for (std::size_t i = 3; i < tokens_.size(); ++i) {
+    const Token& token = tokens_[i];
+    if (token.text[0] != 'L' && token.text[0] != 'R') expect_end(i);
+    (token.text[0] == 'L' ? tool.length_mm : tool.radius_mm) = number(token.text.substr(1), token.column) * unit_;
+  }
+  defined_tools_[static_cast<int>(n)] = tool;
 }
 
-void HeidenhainReader::cycle() {
-  if (!is(1, "DEF") || tokens_.size() < 3) incomplete();
-  const std::string_view what = tokens_[2].text;
-  if (what == "247") {
-    for (std::size_t i = 3; i < tokens_.size(); ++i) {
-      if (tokens_[i].text.starts_with("Q339")) return cycle_247(i);
-    }
-    if (!continued_) reject(tokens_[2].column, "cycle 247 needs Q339");
-    cycle_247_ = true;
-    return;
-  }
-  if (what == "7.0" || what == "9.0" || what == "32.0") return;  // headings; the values follow
-  if (what.starts_with("7.") && what.size() == 3) {
-    if (tokens_.size() < 4 || core_.tcp()) reject(tokens_[0].column, "a datum shift needs an axis and no M128");
-    refuse_beside_compensation("cycle 7");
-    AxisValues shift = shift_;
-    for (std::size_t i = 0; i < 3 && core_.tilted(); ++i) shift[i] = tilted_shift_[static_cast<int>(i)];
-    for (std::size_t i = 3; i < tokens_.size(); ++i) {
-      if (!axis_word(tokens_[i], shift, shift)) expect_end(i);
-    }
-    if (core_.tilted())
-      tilted_shift_ = {shift[0], shift[1], shift[2]};
-    else
-      shift_ = shift;
-    return renew_offset();
-  }
-  if (what == "9.1") {
-    if (tokens_.size() < 4) incomplete();
-    const Token& last = tokens_.back();
-    const double seconds = number(last.text.starts_with("DWELL") ? last.text.substr(5) : last.text, last.column);
-    if (seconds < 0) reject(last.column, "negative time");
-    return path_.say(ProgramStep::kDwell, 0, seconds);
-  }
-  if (what == "32.1" || what == "32.2") {
-    if (what == "32.1") core_.corner_tolerance_mm = -1;
-    for (std::size_t i = 3; i < tokens_.size(); ++i) {
-      const std::string_view text = tokens_[i].text;
-      const std::size_t skip = text.starts_with("HSC-MODE:") ? 9
-                               : text.starts_with("TA")      ? 2
-                               : text.starts_with("T")       ? 1
-                                                             : 0;
-      if (skip == 0) expect_end(i);
-      const double value = number(text.substr(skip), tokens_[i].column);
-      if (what == "32.1" && skip == 1) core_.corner_tolerance_mm = std::max(0.0, value);
-    }
-    return;
-  }
-  reject(tokens_[2].column, "cycle " + std::string(what) + " is not understood");
+double HeidenhainReader::tool_length(int number, int column) const {
+  const auto defined = defined_tools_.find(number);
+  return defined != defined_tools_.end() ? defined->second.length_mm : core_.tool_length(number, column);
 }
 
 /// F and M words from `i` on; what takes effect at the block's start does so.
@@ -344,10 +306,12 @@ void HeidenhainReader::modes(std::size_t i) {
         tcp_off_ = true;
         break;
       case 0:
+      case 1:
       case 2:
       case 5:
       case 9:
       case 30:
+      case 99:
         ends_.push_back(static_cast<int>(code));
         break;
       default:
@@ -362,10 +326,12 @@ void HeidenhainReader::finish() {
   for (const int code : ends_) {
     if (code == 5) say(ProgramStep::kSpindle, spindle_ = 5);
     if (code == 9) say(ProgramStep::kCoolant, 9);
-    if (code == 0 || code == 2 || code == 30) refuse_inside_contour();
-    if (code == 0) {
+    if (code == 5 || code == 9) continue;
+    refuse_inside_contour();
+    if (code == 99) call_cycle();
+    if (code == 0 || code == 1) {
       path_.flush();
-      core_.say(ProgramStep::kPause);
+      core_.say(ProgramStep::kPause, code);
     }
     if (code == 2 || code == 30) {
       path_.stop();
@@ -376,7 +342,7 @@ void HeidenhainReader::finish() {
 }
 
 ReadResult read_heidenhain(std::string_view text, ReaderCore& core) {
-  return HeidenhainReader(text, core).run();
+  return HeidenhainReader(text, core, false).run();
 }
 
 }  // namespace lightmill::detail

@@ -1,6 +1,7 @@
-// Heidenhain conversational (TNC) programs: one reader, its parts in sources of their own.
+// Heidenhain (TNC) programs, conversational and DIN/ISO: one reader, its parts in sources of their own.
 #pragma once
 
+#include <map>
 #include <optional>
 #include <unordered_map>
 
@@ -11,7 +12,7 @@ namespace lightmill::detail {
 
 class HeidenhainReader : private ExpressionReader {
  public:
-  HeidenhainReader(std::string_view text, ReaderCore& core);
+  HeidenhainReader(std::string_view text, ReaderCore& core, bool iso);
   ReadResult run();
 
  private:
@@ -30,8 +31,8 @@ class HeidenhainReader : private ExpressionReader {
   void read_block();
   void frame(bool begin);
   void tool();
-  void cycle();
-  void cycle_247(std::size_t i);
+  void define_tool();
+  [[nodiscard]] double tool_length(int number, int column) const;
   void function();
   void preset(double n, int column);
   void renew_offset();
@@ -41,6 +42,31 @@ class HeidenhainReader : private ExpressionReader {
   }
   void modes(std::size_t i);
   void finish();
+
+  // --- Cycles: heidenhain_cycles.cpp ---
+  struct Cycle {
+    int number = 0;
+    std::map<int, double> words;  ///< Q parameters
+  };
+  void cycle();
+  void begin_cycle(int number, std::size_t words);
+  void read_cycle_words(std::size_t i);
+  void end_cycle();
+  void datum_shift();
+  void dwell();
+  void tolerance(bool first);
+  void call_cycle();
+
+  // --- DIN/ISO in conversational words: heidenhain_iso_reader.cpp ---
+  struct IsoWords;
+  void add(std::string_view before, std::string_view text, int column);
+  void read_added();
+  void read_iso_block();
+  void iso_frame(const std::vector<Token>& words);
+  void iso_function(const std::vector<Token>& words);
+  void sort_iso_word(IsoWords& w, const std::vector<Token>& words, std::size_t& i);
+  void iso_cycles(const IsoWords& w, int column);
+  void iso_path(const IsoWords& w, std::string_view step, int column);
 
   // --- Q parameters, labels, jumps: heidenhain_flow.cpp ---
   [[nodiscard]] int column() const override;
@@ -137,9 +163,13 @@ class HeidenhainReader : private ExpressionReader {
   std::vector<std::string_view> lines_;
   std::size_t at_ = 0, next_ = 0;
   std::vector<Token> tokens_;
-  std::string_view line_;
+  bool iso_;
+  std::string translated_;  ///< what added_ views
+  std::vector<Token> added_;
+  int iso_motion_ = 1;
+  bool iso_incremental_ = false;
   long number_ = 0;
-  bool continued_ = false, begun_ = false, ended_ = false, cycle_247_ = false;
+  bool continued_ = false, begun_ = false, ended_ = false;
   std::string_view name_;
   std::unordered_map<std::string_view, std::size_t> labels_;
   std::unordered_map<std::size_t, long> repeats_;
@@ -147,7 +177,13 @@ class HeidenhainReader : private ExpressionReader {
   std::unordered_map<int, double> q_;
   double unit_ = 1, feed_ = 0, rpm_ = 0;
   double block_seconds_ = 0;  ///< FT: of this block alone
+  struct DefinedTool {
+    double length_mm = 0, radius_mm = 0;
+  };
+  std::map<int, DefinedTool> defined_tools_;  ///< by TOOL DEF: they go before the table's
   int tool_ = 0, spindle_ = 5;
+  double radius_delta_mm_ = 0;  ///< DR of TOOL CALL
+  std::optional<Cycle> defining_, cycle_;
   bool shortest_ = false, fmax_ = false, machine_coordinates_ = false, tcp_off_ = false, has_centre_ = false;
   int side_ = 0, active_side_ = 0;  ///< as programmed, and as it was when compensation began: RL 1, RR -1
   bool fmax_before_ = false;        ///< the last straight line was at FMAX

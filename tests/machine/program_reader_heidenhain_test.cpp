@@ -45,7 +45,8 @@ TEST(HeidenhainReader, SpeaksInMovesAndCycles) {
   refused("L X1e5 FMAX", "bad number");
   refused("M116", "not understood");
   refused("C X+0 Y+1 DR+ F100", "CC");
-  refused("CYCL DEF 200 DRILLING", "cycle 200");
+  refused("CYCL DEF 200 DRILLING", "needs Q200");
+  refused("CYCL DEF 205 PECKING", "cycle 205");
   refused("CALL LBL 7", "not set");
   refused("CALL PGM OTHER", "another file");
   refused("APPR LT X+1 Y+2 LEN5", "APPR needs RL or RR");
@@ -97,7 +98,8 @@ TEST(HeidenhainReader, SpeaksDinIsoToo) {
   };
   refused("G01 X+1", "ends with *");
   refused("G01 X+1 *", "feed not given");
-  refused("G41 X+1 *", "G41 is not understood");
+  refused("G41 X+1 F100 *", "no diameter");
+  refused("G43 X+1 *", "G43 is not understood");
   refused("M116 *", "M116 is not understood");
   refused("G00 X+1 X+2 *", "named twice");
   refused("G00 X1e5 *", "bad number");
@@ -107,6 +109,15 @@ TEST(HeidenhainReader, SpeaksDinIsoToo) {
   expect_refused("%A G71 *\nN20 M128 *\nN30 T1 G17 S100 *\n", "M129", 3, ReaderDialect::kHeidenhainIso);
   expect_refused("%A G71 *\nN20 M8 *\nN20 M9 *\n", "grow", 3, ReaderDialect::kHeidenhainIso);
   expect_refused("%A G71 *\nN20 M8 *\nN30 %B G71 *\n", "must name", 3, ReaderDialect::kHeidenhainIso);
+}
+
+std::string iso_numbered(const std::vector<std::string>& blocks) {
+  std::string text = "%A G71 *\n";
+  for (std::size_t i = 0; i < blocks.size(); ++i) text += "N" + std::to_string(10 * (i + 1)) + " " + blocks[i] + " *\n";
+  return text + "N99999999 %A G71 *\n";
+}
+Reading iso(const std::vector<std::string>& blocks) {
+  return read(iso_numbered(blocks), ReaderDialect::kHeidenhainIso);
 }
 
 std::string numbered(const std::vector<std::string>& blocks) {
@@ -392,6 +403,80 @@ TEST(HeidenhainReader, ApproachesAndDeparts) {
   refused({"APPR CT X+0 Y+0 CCA90 R2 RL", "L X+20"}, "does not fit", 1);
   refused({"APPR LCT X+0 Y+0 R30 RL", "L X+20"}, "too large", 1);
   refused({"DEP LT LEN5"}, "DEP needs a path");
+}
+
+// The same blocks in both languages of the control.
+TEST(HeidenhainReader, DinIsoIsTheConversation) {
+  const std::pair<std::vector<std::string>, std::vector<std::string>> cases[] = {
+      {{"D00 Q1 P01 +3", "D01 Q2 P01 +Q1 P02 -5", "D03 Q3 P01 +Q2 P02 +Q1", "D04 Q4 P01 +Q3 P02 +2", "D05 Q5 P01 +16",
+        "D06 Q6 P01 +30", "D08 Q7 P01 +3 P02 +4", "D13 Q8 P01 -1 P02 +1", "Q9 = Q5 * ( 2 + Q6 )", "G01 X+Q2 Y-Q4 F+Q9",
+        "G00 X+Q7 Y+Q8"},
+       {"FN 0: Q1 = +3", "FN 1: Q2 = +Q1 + -5", "FN 3: Q3 = +Q2 * +Q1", "FN 4: Q4 = +Q3 DIV +2", "FN 5: Q5 = SQRT +16",
+        "FN 6: Q6 = SIN +30", "FN 8: Q7 = +3 LEN +4", "FN 13: Q8 = -1 ANG +1", "Q9 = Q5 * ( 2 + Q6 )",
+        "L X+Q2 Y-Q4 F+Q9", "L X+Q7 Y+Q8 FMAX"}},
+      {{"G98 L1", "G91 G01 X+1 F600", "G90", "L1,2", "L5,0", "D11 P01 +1 P02 +2 P03 9", "D09 P01 +0 P02 +0 P03 9",
+        "M30", "G98 L5", "G00 Y+7", "G98 L0", "G98 L9", "G01 Z+1", "M30"},
+       {"LBL 1", "L IX+1 F600", "Q1 = 0", "CALL LBL 1 REP2", "CALL LBL 5", "FN 11: IF +1 GT +2 GOTO LBL 9",
+        "FN 9: IF +0 EQU +0 GOTO LBL 9", "M30", "LBL 5", "L Y+7 FMAX", "LBL 0", "LBL 9", "L Z+1 F600", "M30"}},
+      {{"T1 G17 S5000 DL+1 DR+0.5", "G00 G40 X-10 Y+0 M3", "G01 G41 X+0 F600", "X+10", "G25 R3", "Y+10", "G24 R1",
+        "I+20 J+20", "X+20", "G03 X+30 Y+20", "G02 X+40 Y+30 R+10", "G00 G40 Z+50 M9", "I+0 J+0", "G11 R+50 H+90 F500",
+        "G91 G13 H+360 Z-5", "G90 G00 Z+50 M5"},
+       {"TOOL CALL 1 Z S5000 DL+1 DR+0.5", "L X-10 Y+0 R0 FMAX M3", "L X+0 RL F600", "L X+10", "RND R3", "L Y+10",
+        "CHF 1", "CC X+20 Y+20", "L X+20", "C X+30 Y+20 DR+", "CR X+40 Y+30 R+10 DR-", "L Z+50 R0 FMAX M9",
+        "CC X+0 Y+0", "LP PR+50 PA+90 F500", "CP IPA+360 IZ-5 DR+", "L Z+50 FMAX M5"}},
+      {{"G99 T5 L+20 R+3", "T5 G17 S900", "G54 X+5 G90", "G00 X+0 Y+0 M3",
+        "G200 Q200=+2 Q201=-8 Q206=+300 Q202=+3 Q210=+0 Q203=+0 Q204=+20 Q211=+0.1", "G79", "X+10 M99", "G04 F0.5",
+        "G38"},
+       {"TOOL DEF 5 L+20 R+3", "TOOL CALL 5 Z S900", "CYCL DEF 7.1 X+5", "L X+0 Y+0 FMAX M3",
+        "CYCL DEF 200 DRILLING Q200=+2 Q201=-8 Q206=+300 Q202=+3 Q210=+0 Q203=+0 Q204=+20 Q211=+0.1", "CYCL CALL",
+        "L X+10 FMAX M99", "CYCL DEF 9.1 DWELL0.5", "STOP"}},
+  };
+  for (const auto& [blocks, words] : cases) expect_same_steps(iso(blocks), conversation(words));
+  const auto refused = [](const std::string& block, const std::string& rule) {
+    expect_refused(iso_numbered({block}), rule, 2, ReaderDialect::kHeidenhainIso);
+  };
+  refused("D14 Q1 P01 +3", "D14 is not understood");
+  refused("D01 Q1 P01 +3", "not complete");
+  refused("D01 Q1 P02 +3 P01 +2", "P01 expected");
+  refused("D09 P01 +0 P02 +0 P03 7", "label 7 is not set");
+  refused("L3,0", "label 3 is not set");
+  refused("G98", "needs its label");
+  refused("G01 X+Q5 F9", "never set");
+  refused("G79", "no cycle");
+  refused("G25 R1", "behind a path");
+  EXPECT_EQ(iso({"D00 Q1 P01 +3", "G01 X+Q1 Y+Q2 F100"}).result.error->column, 16) << "of Q2 in the text";
+}
+
+// Down to 3, 6 and 8 mm, each time out to 2 mm above the work and back to 2 mm above the ground; up to 20 mm.
+TEST(HeidenhainReader, DrillsWithPecks) {
+  const std::string cycle =
+      "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S5000\n2 L X+5 Y+5 Z+50 R0 FMAX M3\n3 CYCL DEF 200 DRILLING ~\n"
+      "    Q200=+2    ;SET-UP CLEARANCE ~\n    Q201=-8    ;DEPTH ~\n    Q206=+300  ;FEED RATE FOR PLNGNG ~\n"
+      "    Q202=+3    ;PLUNGING DEPTH ~\n    Q210=+0.5  ;DWELL TIME AT TOP ~\n    Q203=+1    ;SURFACE COORDINATE ~\n"
+      "    Q204=+20   ;2ND SET-UP CLEARANCE ~\n    Q211=+0.1  ;DWELL TIME AT DEPTH\n";
+  const Reading holes = read(cycle + "4 CYCL CALL\n5 L X+9 FMAX M99\n6 END PGM A MM\n", ReaderDialect::kHeidenhain);
+  std::vector<Vec3> ends{{5, 5, 50}};
+  for (const double x : {5, 9}) {
+    if (x == 9) ends.emplace_back(9, 5, 21);
+    for (const double z : {3, -2, 3, 0, -5, 3, -3, -7, 3, 21}) ends.emplace_back(x, 5, z);
+  }
+  expect_ends(holes, ends);
+  double dwells_s = 0;
+  for (const ProgramStep& step : holes.steps) dwells_s += step.kind == ProgramStep::kDwell ? step.seconds : 0;
+  EXPECT_NEAR(dwells_s, 2 * (2 * 0.5 + 0.1), 1e-12);
+  EXPECT_NEAR(holes.moves[2].seconds, 1, 1e-12) << "5 mm at 300 mm a minute";
+  EXPECT_TRUE(holes.moves[3].rapid);
+  const Reading reamed = conversation({"L X+0 Y+0 Z+50 FMAX",
+                                       "CYCL DEF 201 REAMING Q200=+2 Q201=-8 Q206=+300 Q211=+0 "
+                                       "Q208=+600 Q203=+0 Q204=+20",
+                                       "CYCL CALL M8"});
+  expect_ends(reamed, {{0, 0, 50}, {0, 0, 2}, {0, 0, -8}, {0, 0, 2}, {0, 0, 20}});
+  EXPECT_NEAR(reamed.moves[3].seconds, 1, 1e-12);
+  expect_conversation_refused({"CYCL CALL"}, "no cycle");
+  expect_conversation_refused({"CYCL DEF 200 Q200=+2 Q201=-8 Q206=+300 Q202=+3 Q203=+0 Q999=+1"}, "does not know Q999");
+  expect_conversation_refused({"CYCL DEF 200 Q200=+2 Q201=+8 Q206=+300 Q202=+3 Q203=+0", "CYCL CALL"}, "below 0");
+  expect_conversation_refused({"CYCL DEF 200 Q200=+2 Q201=-8 Q206=+300 Q202=+0.0001 Q203=+0", "CYCL CALL"},
+                              "too small");
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// One random program in the words of four controls: it must mean the same to all of them, and what it means in C++.
+// One random program in the words of five controls: it must mean the same to all of them, and what it means in C++.
 #include <gtest/gtest.h>
 #include <rapidcheck.h>
 
@@ -94,18 +94,21 @@ class Writer {
   std::string program(const std::vector<Statement>& all) {
     if (dialect_ == ReaderDialect::kFanuc) line("O1");
     if (dialect_ == ReaderDialect::kHeidenhain) line("BEGIN PGM A MM");
+    if (iso()) text_ = "%A G71 *\n";
     if (dialect_ == ReaderDialect::kSiemens) line("G90 G54");
     for (int i = 0; i < 4; ++i) set(i, "0");
     write(all, 1);
-    line(dialect_ == ReaderDialect::kHeidenhain ? "END PGM A MM" : "M30");
+    line(dialect_ == ReaderDialect::kHeidenhain ? "END PGM A MM" : iso() ? "%A G71" : "M30");
     return text_;
   }
 
  private:
   void line(const std::string& block) {
-    if (dialect_ == ReaderDialect::kHeidenhain) text_ += std::to_string(blocks_++) + " ";
-    text_ += block + "\n";
+    if (iso()) text_ += "N";
+    if (iso() || dialect_ == ReaderDialect::kHeidenhain) text_ += std::to_string(blocks_++) + " ";
+    text_ += block + (iso() ? " *\n" : "\n");
   }
+  [[nodiscard]] bool iso() const { return dialect_ == ReaderDialect::kHeidenhainIso; }
   [[nodiscard]] bool square() const {
     return dialect_ == ReaderDialect::kFanuc || dialect_ == ReaderDialect::kLinuxCnc;
   }
@@ -139,6 +142,9 @@ class Writer {
       case ReaderDialect::kHeidenhain:
         set(90, written(v));
         return line("L X+" + variable(90) + " FMAX");
+      case ReaderDialect::kHeidenhainIso:
+        set(90, written(v));
+        return line("G00 X+" + variable(90));
       case ReaderDialect::kSiemens:
         return line("G0 X=" + written(v));
       default:
@@ -153,6 +159,12 @@ class Writer {
       if (s.kind == Statement::kLoop) loop(s, depth);
       if (s.kind == Statement::kBranch) branch(s, depth);
     }
+  }
+
+  // Heidenhain's.
+  void label(const std::string& name) { line((iso() ? "G98 L" : "LBL ") + name); }
+  void jump_if_less(const std::string& a, const std::string& b, const std::string& name) {
+    line(iso() ? "D12 P01 " + a + " P02 " + b + " P03 " + name : "FN 12: IF " + a + " LT " + b + " GOTO LBL " + name);
   }
 
   void loop(const Statement& s, int depth) {
@@ -174,10 +186,10 @@ class Writer {
         return line("ENDFOR");
       default:
         set(10 + depth, "0");
-        line("LBL " + name);
+        label(name);
         set(10 + depth, counter + " + 1");
         write(s.body, depth + 1);
-        return line("FN 12: IF +" + counter + " LT +" + times + " GOTO LBL " + name);
+        return jump_if_less("+" + counter, "+" + times, name);
     }
   }
 
@@ -207,12 +219,12 @@ class Writer {
       default:
         set(91, a);
         set(92, b);
-        line("FN 12: IF +" + variable(91) + " LT +" + variable(92) + " GOTO LBL " + first);
+        jump_if_less("+" + variable(91), "+" + variable(92), first);
         write(s.otherwise, depth + 1);
-        line("FN 9: IF +0 EQU +0 GOTO LBL " + second);
-        line("LBL " + first);
+        jump_if_less("+0", "+1", second);
+        label(first);
         write(s.body, depth + 1);
-        return line("LBL " + second);
+        return label(second);
     }
   }
 
@@ -227,8 +239,8 @@ TEST(ProgramReaderLanguages, OneProgramMeansTheSameToAll) {
     std::array<double, 4> variables{};
     std::vector<double> places;
     run(all, variables, places);
-    for (const ReaderDialect dialect :
-         {ReaderDialect::kLinuxCnc, ReaderDialect::kFanuc, ReaderDialect::kHeidenhain, ReaderDialect::kSiemens}) {
+    for (const ReaderDialect dialect : {ReaderDialect::kLinuxCnc, ReaderDialect::kFanuc, ReaderDialect::kHeidenhain,
+                                        ReaderDialect::kHeidenhainIso, ReaderDialect::kSiemens}) {
       const std::string text = Writer(dialect).program(all);
       RC_LOG() << text;
       const Reading r = read(text, dialect);

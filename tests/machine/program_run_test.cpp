@@ -188,7 +188,7 @@ TEST(RunPrograms, AFaultInASubprogramNamesItsLineInEveryDialect) {
       {"fanuc", {"M98 P100"}, {}, {"O100", "G91", "G0 Z-27.", "G90", "M99"}, "G0 Z-27."},
       {"siemens", {"DIVE"}, {}, {"", "PROC DIVE", "G91", "G0 Z-27", "G90", "RET"}, "G0 Z-27"},
       {"heidenhain", {"0 CALL LBL 7"}, {}, {"0 LBL 7", "0 L IZ-27 FMAX", "0 LBL 0"}, "L IZ-27"},
-      {"heidenhain_iso", {"N0 G91 *", "N0 G00 Z-27 *", "N0 G90 *"}, {}, {}, "G00 Z-27"}};  // has no subprograms here
+      {"heidenhain_iso", {"N0 L7,0 *"}, {}, {"N0 G98 L7 *", "N0 G91 *", "N0 G00 Z-27 *", "N0 G90 *", "N0 G98 L0 *"}, "G00 Z-27"}};
   for (const Dive& dive : dives) {
     const Shop shop = shop_for(dive.controller);
     ProgramOptions options;
