@@ -93,13 +93,15 @@ ContactWindow contact_window(const SplineSurface& surface, const FinishOptions& 
   }
   window.least_rad = kPi;
   double farthest = -kPi;
+  long nodes = 0, outside_nodes = 0;
   over_lens(surface, lens, pitch_mm, [&](const Vec2& p, const SplineSurface::Sample& s) {
     const Vec3 normal = Vec3(-s.hx, -s.hy, 1).normalized();
     const double angle = std::acos(std::clamp(axis_at(p).dot(normal), -1.0, 1.0));
     window.least_rad = std::min(window.least_rad, angle);
     window.most_rad = std::max(window.most_rad, angle);
     const double outside = std::max(kLeastContactAngle - angle, angle - kMostContactAngle);
-    if (outside > 0) window.outside_mm2 += pitch_mm * pitch_mm;
+    ++nodes;
+    if (outside > 0) ++outside_nodes;
     if (outside > farthest) {
       farthest = outside;
       window.worst_rad = angle;
@@ -107,6 +109,7 @@ ContactWindow contact_window(const SplineSurface& surface, const FinishOptions& 
     }
   });
   window.least_rad = std::min(window.least_rad, window.most_rad);
+  window.outside_share = nodes > 0 ? static_cast<double>(outside_nodes) / nodes : 0;
   return window;
 }
 

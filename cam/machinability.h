@@ -25,8 +25,8 @@ SurfaceScan scan_surface(const SplineSurface& surface, const OutlineRegion& lens
 struct ContactWindow {
   // With the axis asked for:
   double least_rad = 0, most_rad = 0;
-  double outside_mm2 = 0;  ///< of the lens, where the contact is outside the window
-  double worst_rad = 0;    ///< the contact farthest outside, or nearest to its border
+  double outside_share = 0;  ///< of the lens, where the contact is outside the window
+  double worst_rad = 0;      ///< the contact farthest outside, or nearest to its border
   Vec2 worst_mm = Vec2::Zero();
   /// The axis that planning would begin with, meant as those of FinishOptions; empty where it refuses, or is upright.
   std::optional<double> tilt_rad, direction_rad;

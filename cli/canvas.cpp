@@ -21,7 +21,7 @@ struct Glyph {
   char character;
   std::array<unsigned char, 7> rows;
 };
-constexpr std::array<Glyph, 17> kGlyphs = {{
+constexpr std::array<Glyph, 20> kGlyphs = {{
     {'0', {14, 17, 19, 21, 25, 17, 14}},
     {'1', {4, 12, 4, 4, 4, 4, 14}},
     {'2', {14, 17, 1, 2, 4, 8, 31}},
@@ -35,11 +35,16 @@ constexpr std::array<Glyph, 17> kGlyphs = {{
     {'.', {0, 0, 0, 0, 0, 12, 12}},
     {'-', {0, 0, 0, 31, 0, 0, 0}},
     {'+', {0, 4, 4, 31, 4, 4, 0}},
+    {'a', {0, 0, 14, 1, 15, 17, 15}},
+    {'d', {1, 1, 13, 19, 17, 19, 13}},
     {'m', {0, 0, 26, 21, 21, 21, 21}},
+    {'r', {0, 0, 22, 25, 16, 16, 16}},
     {'u', {0, 0, 18, 18, 18, 29, 16}},
     {' ', {0, 0, 0, 0, 0, 0, 0}},
     {'/', {1, 1, 2, 4, 8, 16, 16}},
 }};
+
+constexpr std::array<unsigned char, 7> kUnknown = {31, 17, 17, 17, 17, 17, 31};  // seen, not left out
 
 float light(double code) {
   return static_cast<float>(code <= 0.04045 ? code / 12.92 : std::pow((code + 0.055) / 1.055, 2.4));
@@ -99,12 +104,11 @@ void Canvas::dot(const Vec2& centre, double radius, const Colour& c) {
 
 void Canvas::text(int x, int y, std::string_view words, const Colour& c, int size) {
   for (const char ch : words) {
-    for (const auto& glyph : kGlyphs) {
-      if (glyph.character != ch) continue;
-      for (int row = 0; row < 7 * size; ++row) {
-        for (int column = 0; column < 5 * size; ++column) {
-          if ((glyph.rows[row / size] >> (4 - column / size)) & 1) set(x + column, y + row, c);
-        }
+    const auto found = std::find_if(kGlyphs.begin(), kGlyphs.end(), [&](const Glyph& glyph) { return glyph.character == ch; });
+    const auto& rows = found != kGlyphs.end() ? found->rows : kUnknown;
+    for (int row = 0; row < 7 * size; ++row) {
+      for (int column = 0; column < 5 * size; ++column) {
+        if ((rows[row / size] >> (4 - column / size)) & 1) set(x + column, y + row, c);
       }
     }
     x += 6 * size;

@@ -27,8 +27,8 @@ json window_json(const ContactWindow& window, const FinishOptions& options, doub
                  {"asked_tilt_deg", degrees(options.tilt_rad)},
                  {"asked_direction_deg", degrees(options.tilt_direction_rad)},
                  {"contact_deg", {degrees(window.least_rad), degrees(window.most_rad)}},
-                 {"outside_mm2", window.outside_mm2},
-                 {"outside_share", window.outside_mm2 / lens_mm2},
+                 {"outside_mm2", window.outside_share * lens_mm2},
+                 {"outside_share", window.outside_share},
                  {"worst_deg", degrees(window.worst_rad)},
                  {"worst_at_mm", place_json(window.worst_mm)},
                  {"refused", !window.refusal.empty()}};

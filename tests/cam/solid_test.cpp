@@ -2,10 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "cam/detail/spline_refinement.h"
+#include "cam/mount.h"
 #include "design/core/files.h"
 #include "tests/scratch_folder.h"
 
@@ -234,6 +236,46 @@ TEST_F(Solid, ChamferDowelsAndLabelTakeTheirVolumeAndNoMore) {
   const std::vector<Vec2> rim = with_land(*options.outline, 5).loop_mm;
   for (std::size_t k = 0; k < rim.size(); ++k) perimeter += (rim[(k + 1) % rim.size()] - rim[k]).norm();
   held_against("outline", {13.5, 0}, 0, chamfers_mm3(perimeter, kPi, 0.4));
+}
+
+TEST(Mount, DowelsAndLettersStandWhereTheyAreSeen) {
+  MountOptions mount;
+  mount.dowel_diameter_mm = 2;
+  mount.dowels_mm = {{12, 3}};
+  mount.label = "L";
+  mount.label_height_mm = 2;
+  const Land land{Outline{Outline::Shape::kRectangle, {20, 16}, {}}, Outline{Outline::Shape::kRectangle, {30, 26}, {}}, 9};
+  const std::vector<RoundHole> seen = mount_holes(mount, land);
+  ASSERT_GT(seen.size(), 2U);
+  EXPECT_EQ(seen[0].middle_mm, Vec2(12, 3));
+  EXPECT_EQ(seen[0].from_mm, 0) << "drilled from the back";
+  mount.dowel_depth_mm = 4;
+  mount.label_on_back = true;
+  const std::vector<RoundHole> turned = mount_holes(mount, land);
+  ASSERT_EQ(turned.size(), seen.size());
+  EXPECT_EQ(turned[0].middle_mm, Vec2(12, 3)) << "places are the lens's, whatever side it is seen from";
+  EXPECT_EQ(turned[0].to_mm, 4);
+  EXPECT_TRUE(turned[0].open_below && !turned[0].open_above);
+
+  // An L has its stroke at the reader's left, all its height, and a foot below; the land's middle is at y = -10.5.
+  const auto dots = [](const std::vector<RoundHole>& holes, double x) {
+    std::vector<double> heights;
+    for (std::size_t k = 1; k < holes.size(); ++k) {
+      if (std::abs(holes[k].middle_mm.x() - x) < 1e-9) heights.push_back(holes[k].middle_mm.y());
+    }
+    std::sort(heights.begin(), heights.end());
+    return heights;
+  };
+  const double pitch = 2 / 6.75;
+  for (const auto& [holes, left] : {std::pair{seen, -2 * pitch}, {turned, 2 * pitch}}) {
+    const auto stroke = dots(holes, left), tip = dots(holes, -left);
+    ASSERT_EQ(stroke.size(), 7U);
+    EXPECT_NEAR(stroke.back() - stroke.front(), 6 * pitch, 1e-9);
+    EXPECT_NEAR((stroke.back() + stroke.front()) / 2, -10.5, 1e-9);
+    ASSERT_EQ(tip.size(), 1U);
+    EXPECT_NEAR(tip[0], stroke.front(), 1e-9) << "its foot is below";
+  }
+  EXPECT_TRUE(seen[1].open_above && turned[1].open_below);
 }
 
 TEST_F(Solid, RefusesMountingFeaturesThatDoNotFitTheLand) {

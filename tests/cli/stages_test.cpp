@@ -11,9 +11,12 @@
 #include <regex>
 #include <thread>
 
+#include "cam/toolpath.h"
 #include "cli/npy.h"
+#include "cli/simulation.h"
 #include "command_rig.h"
 #include "design/core/image.h"
+#include "machine/stock_model.h"
 #include "tests/design/transport_checks.h"
 
 namespace lightmill {
@@ -69,6 +72,41 @@ void expect_all_whole(const fs::path& run) {
   }
 }
 
+/// Milled by the machine's program and swept along the planned paths, two ways that share no code but geometry: nodes differ
+/// by at most `um`, slopes taken off.
+void expect_planned_stock(const fs::path& run, double um) {
+  const RunFolder folder(run, false);
+  const Job job = read_job(run / "job.toml");
+  const MachinedSurface milled = read_machined(run / "dry_run/machined.tif");
+  StockOptions options;
+  options.pitch_mm = milled.pitch_mm;
+  StockModel stock(shop_of(job, folder).blank, options);
+  for (const ToolPath& path : read_toolpaths(run / "cam/toolpaths.bin")) {
+    stock.set_cutter(path.cutter);
+    for (std::size_t i = 1; i < path.moves.size(); ++i) {
+      if (path.moves[i].kind == MoveKind::kRapid) continue;
+      SweptMove swept;
+      swept.from = path.moves[i - 1].pose;
+      swept.to = path.moves[i].pose;
+      swept.spindle_on = true;
+      stock.move(swept);
+    }
+  }
+  stock.flush();
+  const MachinedSurface planned = stock.surface();
+  ASSERT_EQ(milled.heights_mm.values.size(), planned.heights_mm.values.size());
+  double worst = 0;
+  for (int j = 0; j + 1 < planned.heights_mm.height; ++j) {
+    for (int i = 0; i + 1 < planned.heights_mm.width; ++i) {
+      const double h = planned.heights_mm.at(i, j);
+      const double rise = std::hypot(planned.heights_mm.at(i + 1, j) - h, planned.heights_mm.at(i, j + 1) - h);
+      worst = std::max(worst, std::abs(milled.heights_mm.at(i, j) - h) / (1 + rise / planned.pitch_mm));
+    }
+  }
+  EXPECT_LT(worst * 1000, um);
+  EXPECT_NEAR(milled.removed_mm3 / planned.removed_mm3, 1, 1e-4);
+}
+
 TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   const ScratchFolder scratch;
   const std::string run = (scratch / "run").string();
@@ -111,6 +149,7 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   for (const double bin : report.at("/dry_run/deviation_histogram/area_mm2"_json_pointer)) area += bin;
   EXPECT_NEAR(area, 12 * 10, 1) << "all of the lens";
   EXPECT_EQ(report.at("/dry_run/gouged_area_mm2"_json_pointer), 0);
+  expect_planned_stock(run, 0.05);
   // Every block takes its time: the passes' times are the whole, and longer than what the feeds alone ask for.
   double minutes = 0;
   for (const char* pass : {"rough", "semi_finish", "finish"}) {
