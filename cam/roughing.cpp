@@ -22,16 +22,18 @@ constexpr double kTouchMm = 0.02;         ///< less material than this above the
 constexpr double kRampSlope = 0.0524;     ///< 3 degrees: the steepest way down with the centre in material
 constexpr double kCoreShare = 0.5;        ///< of the radius that must not be pushed down into material
 constexpr double kGapMm = 10;             ///< stretches nearer than this are milled as one
+constexpr double kOtherWayMm = 2;         ///< milled as one, too, where what is between asks for the other way
 constexpr double kAboveMm = 1;            ///< of links above material
 constexpr double kBesideMm = 1;           ///< of entries beside the block, over contact
 constexpr double kShortLinkMm = 30;       ///< a longer way back is a rapid at full clearance
 constexpr double kFinalScallopMm = 0.25;  ///< aim for what the last raster leaves between its lines
-constexpr int kMostTraverses = 400;       ///< of a pit, each 3 degrees or a slot's depth deeper
+constexpr double kLeastFinalMm = 0.5;     ///< between them
+constexpr int kMostRasters = 400;         ///< of a level, each 3 degrees or a slot's depth deeper in a pit
 constexpr double kLiftMm = 0.1;           ///< a higher step is climbed before the cut
 constexpr double kDeepestShare = 1.3;     ///< of the stepdown: what a cut may reach where lines left steps
 constexpr double kShankAirMm = 0.2;       ///< between a shank wider than the mill and what stands
-constexpr double kSideMm = 0.75;          ///< more of the cut on the left than on the right is conventional milling ...
-constexpr double kSideDepthMm = 0.05;     ///< ... where it is deeper than this
+constexpr double kSideMm = 0.75;          ///< of the cut's width on one side of the axis: less is none ...
+constexpr double kSideDepthMm = 0.05;     ///< ... and shallower than this
 constexpr float kNothing = -1e6f;
 
 /// Height of the cutter's surface above its tip at distance r from the axis.
@@ -134,12 +136,13 @@ class Rougher {
     }
     const int levels = std::max(0, static_cast<int>(std::ceil(depth / options_.stepdown_mm - 1e-9)));
     const int stride = std::max(1, static_cast<int>(options_.stepover_mm / dy_ + 1e-9));
-    const int fine = final_stride(stride);
+    const std::vector<Line> lines = even_lines(stride);
+    const std::vector<Line> fine = fine_lines(stride);
     constexpr double kNoLevel = -std::numeric_limits<double>::infinity();
     if (options_.way == RoughWay::kLevels) {
       for (int k = 1; k <= levels; ++k) {
         monitor.report("roughing", 0.2 + 0.6 * (k - 1) / levels);
-        raster(blank_.height_mm - depth * k / levels, 0, stride, monitor);
+        raster(blank_.height_mm - depth * k / levels, 0, lines, monitor);
       }
     } else {
       for (int k = levels - 1; k >= 1; --k) {
@@ -253,6 +256,9 @@ class Rougher {
     }
   }
 
+  /// Of a node of the block.
+  [[nodiscard]] bool on_lens(int i, int j) const { return surface_.extent().contains({box_.min.x() + i * dx_, box_.min.y() + j * dy_}); }
+
   [[nodiscard]] bool over_lens(int i, int j) const {
     const Box2& lens = surface_.extent();
     const double x = std::max({lens.min.x() - x_of(i), x_of(i) - lens.max.x(), 0.0});
@@ -260,20 +266,116 @@ class Rougher {
     return std::hypot(x, y) < radius_;
   }
 
-  [[nodiscard]] int final_stride(int rough_stride) const {
-    // Flat-bottomed cutters leave steps of about stepover times slope across the lines.
-    std::vector<float> slopes;
-    for (int j = 0; j < block_ny_; j += 2) {
-      for (int i = 0; i <= block_nx_; i += 2) {
-        slopes.push_back(std::abs(target_.at(i, j + 1) - target_.at(i, j)) / static_cast<float>(dy_));
+  /// A line of a raster along x.
+  struct Line {
+    int j = 0;
+    std::vector<char> due;  ///< columns of the tip's grid that this line has to mill; the next line is in time for the others
+  };
+
+  /// The row from which a mill beside the block at +y would touch it.
+  [[nodiscard]] int beside_row() const { return static_cast<int>(std::floor((box_.size().y() + radius_) / dy_ + 1e-9)) + rim_y_; }
+
+  /// From +y to -y, each due everywhere. The first line stands outside, so that it takes no more than its stride; the last one so far
+  /// out that the cutter's flat just passes the border (where the surface falls towards the border, its uphill rim does the cutting).
+  template <class Stride>
+  [[nodiscard]] std::vector<Line> lines_apart(const Stride& stride_after) const {
+    const double reach = radius_ - mill_.corner_radius_mm;
+    const int last = rim_y_ - static_cast<int>(std::ceil(reach / dy_ - 1e-9));
+    std::vector<Line> lines;
+    int j = beside_row();
+    const int least_first = static_cast<int>(std::ceil(kBesideMm / dy_));  // what only just touches could not be entered from beside
+    do {
+      j = std::max(last, j - (lines.empty() ? std::max(stride_after(j), least_first) : stride_after(j)));
+      lines.push_back({j, std::vector<char>(tip_columns(), 1)});
+    } while (j > last);
+    return lines;
+  }
+
+  /// Of the target across the lines, at the block's nodes; none beside the lens.
+  [[nodiscard]] Grid<float> lens_slopes() const {
+    Grid<float> slopes(block_nx_ + 1, block_ny_ + 1, 0.0F);
+    for (int j = 0; j < block_ny_; ++j) {
+      for (int i = 0; i <= block_nx_; ++i) {
+        if (on_lens(i, j)) slopes.at(i, j) = std::abs(target_.at(i, j + 1) - target_.at(i, j)) / static_cast<float>(dy_);
       }
     }
-    const std::size_t rank = slopes.size() * 99 / 100;
-    std::nth_element(slopes.begin(), slopes.begin() + static_cast<std::ptrdiff_t>(rank), slopes.end());
-    const double stepover =
-        std::clamp(kFinalScallopMm / std::max(0.01, static_cast<double>(slopes[rank])), 0.5, options_.stepover_mm);
-    return std::clamp(static_cast<int>(stepover / dy_ + 1e-9), 1, rough_stride);
+    return slopes;
   }
+
+  /// What 99 of 100 nodes on the lens are below.
+  [[nodiscard]] double steep(const Grid<float>& slopes) const {
+    std::vector<float> sorted;
+    for (int j = 0; j < block_ny_; ++j) {
+      for (int i = 0; i <= block_nx_; ++i) {
+        if (on_lens(i, j)) sorted.push_back(slopes.at(i, j));
+      }
+    }
+    if (sorted.empty()) return 0;
+    const auto rank = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * 99 / 100);
+    std::nth_element(sorted.begin(), rank, sorted.end());
+    return *rank;
+  }
+
+  /// The highest value at the block's nodes in a square around a mill over each node of the tip's grid.
+  [[nodiscard]] Grid<float> highest_under_mill(const Grid<float>& values) const {
+    Grid<float> rows(tip_columns(), values.height, 0.0F);
+    for (int j = 0; j < values.height; ++j) {
+      for (int i = 0; i < rows.width; ++i) {
+        for (int a = std::max(0, i - 2 * rim_x_); a <= std::min(values.width - 1, i); ++a) rows.at(i, j) = std::max(rows.at(i, j), values.at(a, j));
+      }
+    }
+    Grid<float> highest(tip_columns(), tip_rows(), 0.0F);
+    for (int j = 0; j < highest.height; ++j) {
+      for (int b = std::max(0, j - 2 * rim_y_); b <= std::min(values.height - 1, j); ++b) {
+        for (int i = 0; i < highest.width; ++i) highest.at(i, j) = std::max(highest.at(i, j), rows.at(i, b));
+      }
+    }
+    return highest;
+  }
+
+  [[nodiscard]] std::vector<Line> even_lines(int stride) const {
+    std::vector<Line> lines = lines_apart([stride](int) { return stride; });
+    // What a nearer last line would take, the last raster takes.
+    if (lines.size() > 1 && lines[lines.size() - 2].j - lines.back().j < stride) lines.pop_back();
+    return lines;
+  }
+
+  /// Lines as near to each other as the lens asks for, each only where the lens under the mill asks for it: a flat cutter leaves steps of
+  /// about stepover times slope across the lines. Beside the lens, and for its steepest hundredth (creases), nothing comes nearer.
+  [[nodiscard]] std::vector<Line> fine_lines(int widest) const {
+    const Grid<float> slopes = lens_slopes();
+    const auto rows = [&](double slope) {
+      const double stepover = std::max(kFinalScallopMm / std::max(0.01, slope), kLeastFinalMm);
+      return std::clamp(static_cast<int>(stepover / dy_ + 1e-9), 1, widest);
+    };
+    const int finest = rows(steep(slopes));
+    Grid<int> strides(tip_columns(), tip_rows());
+    const Grid<float> under = highest_under_mill(slopes);
+    std::transform(under.values.begin(), under.values.end(), strides.values.begin(), [&](float slope) { return std::max(finest, rows(slope)); });
+    // From a line to the next the nearest that any row on the way asks for holds.
+    const auto least = [&](int j) { return *std::min_element(&strides.at(0, j), &strides.at(0, j) + strides.width); };
+    const auto stride_after = [&](int j) {
+      int stride = 1;
+      while (stride < widest && j - stride > 0 && least(j - stride) > stride) ++stride;
+      return stride;
+    };
+    std::vector<Line> lines = lines_apart(stride_after);
+    std::vector<int> last(tip_columns(), beside_row());
+    for (std::size_t k = 0; k + 1 < lines.size(); ++k) {
+      for (int i = 0; i < tip_columns(); ++i) {
+        int allowed = widest;
+        for (int j = last[i]; j >= lines[k + 1].j; --j) allowed = std::min(allowed, strides.at(i, j));
+        lines[k].due[i] = last[i] - lines[k + 1].j > allowed;
+        if (lines[k].due[i]) last[i] = lines[k].j;
+      }
+    }
+    return lines;
+  }
+
+  /// Rows of the grid.
+  struct Sides {
+    int left = 0, right = 0;
+  };
 
   /// What the cutter with its axis over node (i, j) meets.
   struct Meeting {
@@ -289,13 +391,13 @@ class Rougher {
     [[nodiscard]] int rows(double z, double depth) const {
       return static_cast<int>(std::count_if(tops.begin(), tops.end(), [&](const Top& top) { return top.z > z + depth; }));
     }
-    /// By how many rows more the cutter is deeper than `depth` on the side of +y than on that of -y.
-    [[nodiscard]] int rows_above(double z, double depth) const {
-      int more = 0;
+    /// In how many rows to the left and to the right of its way the cutter is deeper than `depth`.
+    [[nodiscard]] Sides sides(double z, double depth, bool forward) const {
+      Sides sides;
       for (const Top& top : tops) {
-        if (top.z > z + depth) more += (top.row > 0) - (top.row < 0);
+        if (top.z > z + depth && top.row != 0) ++((top.row > 0) == forward ? sides.left : sides.right);
       }
-      return more;
+      return sides;
     }
   };
   [[nodiscard]] Meeting meet(int i, int j) const {
@@ -352,77 +454,95 @@ class Rougher {
     }
   }
 
-  /// All lines of one level, or of one layer `over` the offset surface, from +y to -y: along +X the material is then on the right, climb milling. The first line
-  /// stands outside, so that it takes no more than the stepover; the last one so far out that the cutter's flat just
-  /// passes the border (where the surface falls towards the border, its uphill rim does the cutting).
-  void raster(double level, double over, int stride, const Monitor& monitor) {
-    const double first_y = box_.max.y() + radius_ - stride * dy_;
-    int j = static_cast<int>(std::floor((first_y - box_.min.y()) / dy_ + 1e-9)) + rim_y_;
-    const double reach = radius_ - mill_.corner_radius_mm;
-    while (true) {
-      monitor.check();
-      mill_line(level, over, std::max(j, 0));
-      if (j <= 0 || y_of(j) <= box_.min.y() - reach) break;
-      j -= stride;
+  /// All lines of one level, or of one layer `over` the offset surface. From +y to -y along +X the material is then on the right:
+  /// climb milling. What ramps, slots and flanks that rise to +y leave is taken turned by half a turn, from -y to +y along -X, which is
+  /// climb milling again; and so on until nothing is left.
+  void raster(double level, double over, std::vector<Line> lines, const Monitor& monitor) {
+    bool left = true;
+    for (int turn = 0; left && turn < kMostRasters; ++turn) {
+      left = false;
+      for (const Line& line : lines) {
+        monitor.check();
+        left |= mill_line(level, over, line, turn % 2 == 0);
+      }
+      std::reverse(lines.begin(), lines.end());
     }
   }
 
-  void mill_line(double level, double over, int j) {
+  /// Along +X or back, what has not clearly more material on the left than on the right: that is milled the other way. Whether there was
+  /// anything to mill, either way.
+  bool mill_line(double level, double over, const Line& line, bool forward) {
+    const int j = line.j;
     std::vector<double> wish(tip_columns());
     for (int i = 0; i < tip_columns(); ++i) wish[i] = std::max({level, tip_.at(i, j) + over, shank_held(i, j)});
-    // Forward, and where a ramp or a slot has left something, back and forth until nothing is left.
-    for (int traverse = 0; traverse < kMostTraverses; ++traverse) {
-      std::vector<char> need(tip_columns());
-      bool any = false;
-      for (int i = 0; i < tip_columns(); ++i) any |= (need[i] = meet(i, j).touches(wish[i])) != 0;
-      if (!any) break;
-      const int gap = static_cast<int>(kGapMm / dx_);
-      std::vector<std::pair<int, int>> stretches;
-      for (int i = 0; i < tip_columns(); ++i) {
-        if (!need[i]) continue;
-        if (!stretches.empty() && i - stretches.back().second <= gap)
-          stretches.back().second = i;
-        else
-          stretches.emplace_back(i, i);
-      }
-      const bool forward = traverse % 2 == 0;
-      if (!forward) std::reverse(stretches.begin(), stretches.end());
-      for (const auto& [first, last] : stretches) {
-        const int from = std::max(0, first - 1);
-        const int to = std::min(tip_columns() - 1, last + 1);
-        if (forward)
-          mill_stretch(wish, j, from, to);
-        else
-          mill_stretch(wish, j, to, from);
-      }
+    enum Way : char { kClear, kThisWay, kOtherWay };
+    std::vector<Way> ways(tip_columns(), kClear);
+    for (int i = 0; i < tip_columns(); ++i) {
+      const Meeting m = meet(i, j);
+      if (!m.touches(wish[i])) continue;
+      const Sides sides = m.sides(wish[i], kSideDepthMm, forward);
+      ways[i] = conventional(sides) || (sides.left - sides.right) * dy_ > kSideMm ? kOtherWay : kThisWay;
     }
+    const int gap = static_cast<int>(kGapMm / dx_);
+    const int short_gap = static_cast<int>(kOtherWayMm / dx_);
+    std::vector<std::pair<int, int>> stretches;
+    bool any = false, other_way = false;
+    for (int i = 0; i < tip_columns(); ++i) {
+      if (!line.due[i] || ways[i] == kClear) continue;
+      any = true;
+      if (ways[i] == kOtherWay) {
+        other_way = true;
+        continue;
+      }
+      if (!stretches.empty() && i - stretches.back().second <= (other_way ? short_gap : gap))
+        stretches.back().second = i;
+      else
+        stretches.emplace_back(i, i);
+      other_way = false;
+    }
+    // In from where it is clear, or from so far away that a ramp is down in time; out where it is clear, if that is beside it.
+    const auto entry = [&](int i, int back) {
+      const int most = i + back * gap;
+      while (i != most && ways[i] == kThisWay && ways[i + back] != kOtherWay) i += back;
+      return i;
+    };
+    const auto exit = [&](int i, int on) { return ways[i + on] == kOtherWay ? i : i + on; };
+    if (!forward) std::reverse(stretches.begin(), stretches.end());
+    for (const auto& [first, last] : stretches) {
+      if (forward)
+        mill_stretch(wish, j, entry(first, -1), exit(last, 1));
+      else
+        mill_stretch(wish, j, entry(last, 1), exit(first, -1));
+    }
+    return any;
   }
 
-  /// From column `from` to `to`; the first one is clear of material.
+  /// From column `from` to `to`.
   void mill_stretch(const std::vector<double>& wish, int j, int from, int to) {
     const int step = to >= from ? 1 : -1;
     const double cut_feed = cut_feed_;
     const double plunge_feed = std::min(cut_feed, mill_.plunge_feed_mm_per_s);
-    approach(Vec3(x_of(from), y_of(j), wish[from]), from, j);
+    // In the midst of material the way begins on top of it, and ramps down.
+    const Meeting start = meet(from, j);
+    double z = start.touches(wish[from]) ? start.tops.front().z : wish[from];
+    approach(Vec3(x_of(from), y_of(j), z), from, j);
     struct Point {
       double x, z;
       MoveKind kind;
       double feed;
     };
-    std::vector<Point> points{{x_of(from), wish[from], MoveKind::kCut, 0}};
-    double z = wish[from];
+    std::vector<Point> points{{x_of(from), z, MoveKind::kCut, 0}};
     remove(from, j, z);
     const int widest = static_cast<int>(std::ceil(options_.stepover_mm / dy_)) + 2;
     for (int i = from + step; i != to + step; i += step) {
       const Meeting m = meet(i, j);
-      const double core = std::max(wish[i], static_cast<double>(m.core_top));
-      const double next = std::max({wish[i], held(m), std::min(core, z - dx_ * kRampSlope)});
+      const double down = dx_ * kRampSlope;
+      double ramp = std::min(z - down, static_cast<double>(m.core_top));
+      if (m.touches(wish[i]) && !m.touches(ramp)) ramp -= down;  // from the top of material that is shorter than the core
+      const double next = std::max({wish[i], held(m), ramp});
       Point p{x_of(i), next, MoveKind::kCut, cut_feed};
-      if (m.touches(next)) {
-        cutting_.in_material_mm += dx_;
-        if (step * m.rows_above(next, kSideDepthMm) * dy_ > kSideMm) cutting_.conventional_mm += dx_;
-      }
-      if (m.touches(next) && z - next > 0.8 * dx_ * kRampSlope) {
+      if (m.touches(next)) count(m.sides(next, kSideDepthMm, step > 0));
+      if (m.touches(next) && z - next > 0.8 * down) {
         p.kind = MoveKind::kPlunge;
         p.feed = plunge_feed;
       } else if (m.rows(next, kTouchMm) > widest) {
@@ -455,6 +575,14 @@ class Rougher {
     }
   }
 
+  /// A cell of the way in material.
+  void count(const Sides& rows) {
+    cutting_.in_material_mm += dx_;
+    if (conventional(rows)) cutting_.conventional_mm += dx_;
+    if (std::min(rows.left, rows.right) * dy_ > kSideMm) cutting_.both_sides_mm += dx_;
+  }
+  [[nodiscard]] bool conventional(const Sides& rows) const { return rows.left * dy_ > kSideMm && rows.right * dy_ <= kSideMm; }
+
   /// To a start that is clear of material, through air.
   void approach(const Vec3& start, int i, int j) {
     // Beside the block the cutter goes down fast. It stands off there by more than contact, since blanks are sawn and
@@ -468,7 +596,7 @@ class Rougher {
     if (beside_by(i) > -mill_.corner_radius_mm - dx_) {
       const int side = start.x() < box_.centre().x() ? -1 : 1;
       while (beside_by(out) < kBesideMm && out + side >= 0 && out + side < tip_columns() &&
-             tip_.at(out + side, j) <= static_cast<float>(start.z()) + 1e-4F) {
+             tip_.at(out + side, j) <= static_cast<float>(start.z()) + 1e-4F && !meet(out + side, j).touches(start.z())) {
         out += side;
       }
     }
@@ -546,10 +674,9 @@ class Rougher {
   /// Highest material above the surface at the block's nodes within the lens.
   [[nodiscard]] double most_left_mm() const {
     double most = 0;
-    const Box2& lens = surface_.extent();
     for (int j = 0; j <= block_ny_; ++j) {
       for (int i = 0; i <= block_nx_; ++i) {
-        if (!lens.contains({box_.min.x() + i * dx_, box_.min.y() + j * dy_})) continue;
+        if (!on_lens(i, j)) continue;
         const double design = target_.at(i, j) - margin_mm_ - options_.allowance_mm;
         most = std::max(most, stock_.at(i, j) - design);
       }

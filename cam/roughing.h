@@ -25,7 +25,7 @@ struct RoughOptions {
   double clearance_mm = 5;
 };
 
-/// Vertical axis, climb milling, entered from beside the block, no plunge into material. Where the mill engages wider than the
+/// Vertical axis, climb milling but for slots, entered from beside the block, no plunge into material. Where the mill engages wider than the
 /// stepover (a pit's first line, behind islands) it is, at half feed, no deeper than its slot_depth_mm; nowhere deeper than
 /// 1.3 stepdowns. A shank wider than the mill keeps away from what stands. Without moves where the blank leaves nothing to rough.
 ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const Cutter& mill,
@@ -34,9 +34,11 @@ ToolPath plan_roughing(const SplineSurface& surface, const Blank& blank, const C
 /// How the mill meets the material, seen on the planner's grid.
 struct RoughCutting {
   double in_material_mm = 0;   ///< way in material
-  double conventional_mm = 0;  ///< of it with clearly more material on the left than on the right: against climb milling
+  double conventional_mm = 0;  ///< of it with material on the left of the axis alone: against climb milling
+  double both_sides_mm = 0;    ///< of it with material on the left and on the right: slots, which cannot climb
 
   [[nodiscard]] double conventional_share() const { return in_material_mm > 0 ? conventional_mm / in_material_mm : 0; }
+  [[nodiscard]] double both_sides_share() const { return in_material_mm > 0 ? both_sides_mm / in_material_mm : 0; }
 };
 
 /// The faster of both ways, by planning both.

@@ -169,6 +169,7 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   }
   if (roughed) {
     cam["rough"]["conventional_share"] = rough.cutting.conventional_share();
+    cam["rough"]["both_sides_share"] = rough.cutting.both_sides_share();
     cam["rough"]["strategy"] = rough.way == RoughWay::kLayers ? "layers" : "levels";
     cam["rough"]["levels_minutes"] = rough.levels_minutes;
     cam["rough"]["layers_minutes"] = rough.layers_minutes;

@@ -313,7 +313,8 @@ std::string report_page(const Job& job, const RunFolder& folder) {
   figures.row("/cam/creases/light_lost_share", "light through their fillets", "%", 2, {}, 100);
   figures.row("/cam/creases/rest/highest_before_um", "left in creases by the finishing ball", "µm", 1);
   figures.row("/cam/creases/rest/highest_after_um", "left in creases after the rest pass", "µm", 1);
-  figures.row("/cam/rough/conventional_share", "roughing against the feed (not climb milling)", "%", 1, {}, 100);
+  figures.row("/cam/rough/conventional_share", "roughing with material on the left alone (not climb milling)", "%", 2, {}, 100);
+  figures.row("/cam/rough/both_sides_share", "roughing with material on both sides (slots)", "%", 1, {}, 100);
   figures.row("/cam/finish/contact/climb_share", "finishing with climb milling", "%", 0, {}, 100);
   figures.row("/cam/rough/levels_minutes", "roughing by levels", "min", 1);
   figures.row("/cam/rough/layers_minutes", "roughing by layers over the surface", "min", 1);
