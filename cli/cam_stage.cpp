@@ -1,8 +1,10 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "cam/finishing.h"
 #include "cam/outline.h"
+#include "cam/outline_region.h"
 #include "cam/profile.h"
 #include "cam/reachable.h"
 #include "cam/rest.h"
@@ -135,8 +137,11 @@ StageResult run_cam(const Job& job, const RunFolder& folder, const Monitor& moni
   write_deviation_picture(folder.file("cam/unreachable_normals.png"), normals_left,
                           std::max(1.0, std::ceil(static_cast<double>(*std::max_element(normals_left.values.begin(), normals_left.values.end())))), "mrad");
   const double ball_mm = job.finish.cutter.radius_mm();
-  write_deviation_picture(folder.file("cam/hollows.png"),
-                          sample_surface(surface, kHeightPixels, [&](const SplineSurface::Sample& s) { return ball_mm * hollow_curvature(s); }), 1, "ball");
+  const OutlineRegion lens(outline, 0);
+  const Grid<float> hollows = sample_surface(surface, kHeightPixels, [&](const Vec2& p, const SplineSurface::Sample& s) {
+    return lens.contains(p) ? ball_mm * hollow_curvature(s) : std::numeric_limits<double>::quiet_NaN();
+  });
+  write_deviation_picture(folder.file("cam/hollows.png"), hollows, 1, "ball");
 
   const FitErrors errors = fit_errors(mesh, surface);
   const double height_range_um = std::max(0.5, std::ceil(4 * fit.summary.rms_deviation_um));

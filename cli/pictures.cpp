@@ -34,17 +34,18 @@ Grid<float> rasterise_heights(const SurfaceMesh& mesh, const Box2& extent, int p
 }
 
 Grid<float> sample_heights(const SplineSurface& surface, int pixels) {
-  return sample_surface(surface, pixels, [](const SplineSurface::Sample& s) { return s.h; });
+  return sample_surface(surface, pixels, [](const Vec2&, const SplineSurface::Sample& s) { return s.h; });
 }
 
-Grid<float> sample_surface(const SplineSurface& surface, int pixels, const std::function<double(const SplineSurface::Sample&)>& value) {
+Grid<float> sample_surface(const SplineSurface& surface, int pixels, const std::function<double(const Vec2& place_mm, const SplineSurface::Sample&)>& value) {
   const Box2& extent = surface.extent();
   const double pixel_mm = extent.size().maxCoeff() / pixels;
   Grid<float> values(std::max(1, static_cast<int>(std::lround(extent.size().x() / pixel_mm))),
                      std::max(1, static_cast<int>(std::lround(extent.size().y() / pixel_mm))));
   for (int y = 0; y < values.height; ++y) {
     for (int x = 0; x < values.width; ++x) {
-      values.at(x, y) = static_cast<float>(value(surface.sample(extent.min.x() + (x + 0.5) * pixel_mm, extent.min.y() + (y + 0.5) * pixel_mm)));
+      const Vec2 place = extent.min + pixel_mm * Vec2(x + 0.5, y + 0.5);
+      values.at(x, y) = static_cast<float>(value(place, surface.sample(place.x(), place.y())));
     }
   }
   return values;
@@ -133,7 +134,32 @@ void write_toolpath_picture(const std::filesystem::path& path, const ToolPath& t
   canvas.write(path);
 }
 
-void write_deviation_picture(const std::filesystem::path& path, const Grid<float>& deviation_um, double range_um, const std::string& unit) {
+namespace {
+
+/// The box of the values that are finite, all of the grid where none is.
+Grid<float> finite_part(const Grid<float>& values) {
+  int left = values.width, right = -1, bottom = values.height, top = -1;
+  for (int y = 0; y < values.height; ++y) {
+    for (int x = 0; x < values.width; ++x) {
+      if (!std::isfinite(values.at(x, y))) continue;
+      left = std::min(left, x);
+      right = std::max(right, x);
+      bottom = std::min(bottom, y);
+      top = y;
+    }
+  }
+  if (right < 0 || (left == 0 && bottom == 0 && right == values.width - 1 && top == values.height - 1)) return values;
+  Grid<float> part(right - left + 1, top - bottom + 1);
+  for (int y = 0; y < part.height; ++y) {
+    for (int x = 0; x < part.width; ++x) part.at(x, y) = values.at(left + x, bottom + y);
+  }
+  return part;
+}
+
+}  // namespace
+
+void write_deviation_picture(const std::filesystem::path& path, const Grid<float>& values, double range_um, const std::string& unit) {
+  const Grid<float> deviation_um = finite_part(values);
   constexpr int kPixels = 900;
   const int factor = std::max(1, (std::max(deviation_um.width, deviation_um.height) + kPixels - 1) / kPixels);
   const int width = (deviation_um.width + factor - 1) / factor;
@@ -143,13 +169,14 @@ void write_deviation_picture(const std::filesystem::path& path, const Grid<float
   Canvas canvas(width * zoom + kScaleWidth, std::max(height * zoom, 120), kPaper);
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
-      float strongest = 0;
+      float strongest = std::numeric_limits<float>::quiet_NaN();
       for (int v = y * factor; v < std::min((y + 1) * factor, deviation_um.height); ++v) {
         for (int u = x * factor; u < std::min((x + 1) * factor, deviation_um.width); ++u) {
           const float d = deviation_um.at(u, v);
-          if (std::isfinite(d) && std::abs(d) > std::abs(strongest)) strongest = d;
+          if (std::isfinite(d) && !(std::abs(d) <= std::abs(strongest))) strongest = d;
         }
       }
+      if (!std::isfinite(strongest)) continue;  // beside the lens: paper
       const Colour colour = deviation_colour(std::clamp(strongest / range_um, -1.0, 1.0));
       for (int v = 0; v < zoom; ++v) {
         for (int u = 0; u < zoom; ++u) canvas.set(x * zoom + u, (height - 1 - y) * zoom + v, colour);

@@ -19,7 +19,8 @@ Grid<float> rasterise_values(const SurfaceMesh& mesh, const std::vector<double>&
 Grid<float> rasterise_heights(const SurfaceMesh& mesh, const Box2& extent, int pixels_along_longer_side);
 /// Heights of the spline, or anything that follows from it, at the centres of a grid over its extent.
 Grid<float> sample_heights(const SplineSurface& surface, int pixels_along_longer_side);
-Grid<float> sample_surface(const SplineSurface& surface, int pixels_along_longer_side, const std::function<double(const SplineSurface::Sample&)>& value);
+Grid<float> sample_surface(const SplineSurface& surface, int pixels_along_longer_side,
+                           const std::function<double(const Vec2& place_mm, const SplineSurface::Sample&)>& value);
 
 /// Height as colour, slope as shade, with a scale in mm.
 void write_height_picture(const std::filesystem::path& path, const Grid<float>& heights_mm, double pixel_mm);
@@ -29,7 +30,7 @@ void write_height_picture(const std::filesystem::path& path, const Grid<float>& 
 void write_toolpath_picture(const std::filesystem::path& path, const ToolPath& tool_path, const Blank& blank);
 
 /// Material left in red, material missing in blue, with a scale of +-range_um; larger grids are reduced to the strongest
-/// value per pixel.
+/// value per pixel. What is not a number is left out, and all around it.
 void write_deviation_picture(const std::filesystem::path& path, const Grid<float>& deviation_um, double range_um, const std::string& unit = "um");
 
 }  // namespace lightmill

@@ -1,7 +1,6 @@
 #include "machine/dry_run.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -331,50 +330,6 @@ double polish_removal_um(const MachinedSurface& milled, const Grid<float>& polis
     }
   }
   return most * 1000;
-}
-
-Grid<float> thinned(const Grid<float>& heights, int most_nodes) {
-  if (most_nodes < 1) throw InputError("a drawing needs at least one pixel, not " + std::to_string(most_nodes));
-  const int longer = std::max(heights.width, heights.height);
-  const int block = std::max(1, (longer + most_nodes - 1) / most_nodes);
-  if (block == 1) return heights;
-  Grid<float> result((heights.width + block - 1) / block, (heights.height + block - 1) / block);
-  parallel_blocks(result.height, 16, [&](std::size_t begin, std::size_t end) {
-    for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
-      for (int column = 0; column < result.width; ++column) {
-        double sum = 0;
-        int count = 0;
-        for (int j = row * block; j < std::min((row + 1) * block, heights.height); ++j) {
-          for (int i = column * block; i < std::min((column + 1) * block, heights.width); ++i) {
-            sum += heights.at(i, j);
-            ++count;
-          }
-        }
-        result.at(column, row) = static_cast<float>(sum / count);
-      }
-    }
-  });
-  return result;
-}
-
-ColourPicture deviation_picture(const Grid<float>& deviation_um, double range_um, int most_pixels) {
-  if (!(range_um > 0))
-    throw InputError("the range of a deviation picture must be above 0, not " + compact(range_um, 6) + " um");
-  const Grid<float> small = flipped_rows(thinned(deviation_um, most_pixels));
-  ColourPicture picture{Grid<float>(small.width, small.height), Grid<float>(small.width, small.height),
-                        Grid<float>(small.width, small.height)};
-  // Linear light of #2166ac and #b2182b (a diverging pair that colour-blind readers can tell apart), white between.
-  constexpr std::array<double, 3> kBelow{0.0152, 0.1329, 0.4125};
-  constexpr std::array<double, 3> kAbove{0.4452, 0.0091, 0.0242};
-  const std::array<Grid<float>*, 3> channels{&picture.red, &picture.green, &picture.blue};
-  for (std::size_t k = 0; k < small.values.size(); ++k) {
-    const double value = std::clamp(small.values[k] / range_um, -1.0, 1.0);
-    const auto& end = value < 0 ? kBelow : kAbove;
-    for (std::size_t c = 0; c < 3; ++c) {
-      channels[c]->values[k] = static_cast<float>(1 + std::abs(value) * (end[c] - 1));
-    }
-  }
-  return picture;
 }
 
 }  // namespace lightmill

@@ -59,13 +59,4 @@ Grid<float> polish(const Grid<float>& heights_mm, double pitch_mm, double sigma_
 /// above it, which is also the mean depth removed. Inside the lens's outline all but a rim is looked at.
 double polish_removal_um(const MachinedSurface& milled, const Grid<float>& polished_mm, const Outline& outline, double rim_mm);
 
-/// Heights for a drawing: means of square blocks so that the longer side has at most `most_nodes`.
-Grid<float> thinned(const Grid<float>& heights, int most_nodes);
-
-/// Colours in linear light for write_png8(), row 0 on top: blue below, white at zero, red above, full colour at +-range_um.
-struct ColourPicture {
-  Grid<float> red, green, blue;
-};
-ColourPicture deviation_picture(const Grid<float>& deviation_um, double range_um, int most_pixels);
-
 }  // namespace lightmill

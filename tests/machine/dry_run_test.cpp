@@ -323,21 +323,5 @@ TEST(Polish, TakesAwayAtLeastWhatLiesHighestOverTheMilledSurface) {
   EXPECT_EQ(polish_removal_um(milled, polished, disk, 0.5), 0);
 }
 
-TEST(DeviationPicture, IsWhiteAtZeroRedAboveBlueBelowAndTopRowFirst) {
-  Grid<float> deviation(6, 4, 0.0F);
-  for (int i = 0; i < 6; ++i) deviation.at(i, 0) = -5;  // smallest y
-  deviation.at(5, 3) = 40;
-  const ColourPicture picture = deviation_picture(deviation, 5, 100);
-  EXPECT_EQ(picture.red.at(2, 1), 1);
-  EXPECT_EQ(picture.blue.at(2, 1), 1);
-  EXPECT_GT(picture.blue.at(3, 3), 5 * picture.red.at(3, 3));
-  EXPECT_GT(picture.red.at(5, 0), 5 * picture.blue.at(5, 0));
-  const Grid<float> small = thinned(deviation, 3);
-  EXPECT_EQ(small.width, 3);
-  EXPECT_EQ(small.height, 2);
-  EXPECT_FLOAT_EQ(small.at(0, 0), -2.5);
-  EXPECT_FLOAT_EQ(small.at(2, 1), 10);
-}
-
 }  // namespace
 }  // namespace lightmill
