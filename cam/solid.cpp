@@ -1,13 +1,15 @@
 #include "cam/solid.h"
 
 #include <APIHeaderSection_MakeHeader.hxx>
-#include <BRepAdaptor_Curve2d.hxx>
+#include <BRepAdaptor_Curve.hxx>
 #include <BRepAdaptor_Surface.hxx>
 #include <BRepCheck_Analyzer.hxx>
+#include <BRepBndLib.hxx>
 #include <BRepGProp.hxx>
 #include <BRepMesh_IncrementalMesh.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRep_Tool.hxx>
+#include <Bnd_Box.hxx>
 #include <GProp_GProps.hxx>
 #include <GeomAdaptor_Surface.hxx>
 #include <Geom_BSplineSurface.hxx>
@@ -41,7 +43,9 @@
 #include <vector>
 
 #include "cam/detail/lens_shape.h"
+#include "cam/detail/wall_curve.h"
 #include "design/core/files.h"
+#include "design/core/text.h"
 
 namespace lightmill {
 
@@ -49,10 +53,12 @@ namespace {
 
 // Largest relative difference between the solid's volume and the spline's own integral.
 constexpr double kVolumeTolerance = 1e-6;
-// The same within an outline, where the integral goes by rows.
-constexpr double kTrimmedVolumeTolerance = 1e-5;
+// The same with a chamfer, which we know by the chords of the land's border only.
+constexpr double kChamferedVolumeTolerance = 1e-5;
 // Largest distance of the faces read back from the spline: what 15 decimals in the file can explain, and more.
 constexpr double kDeviationToleranceUm = 1e-3;
+
+const char* const kRemedy = "; take another surface.mesh, or simplify lens.outline";
 
 /// OpenCASCADE's settings and printers are global: one exchange at a time, and silence while it lasts.
 class ExchangeSession {
@@ -79,45 +85,6 @@ class ExchangeSession {
   std::lock_guard<std::mutex> lock_;
   Message_SequenceOfPrinters printers_;
 };
-
-/// Integral of the surface's height within the outline: exact along x, rows of even distance in y.
-double volume_within(const SplineSurface& surface, const Outline& outline) {
-  constexpr int kRows = 4000;
-  constexpr double kGauss[3] = {0.5 - 0.3872983346207417, 0.5, 0.5 + 0.3872983346207417};
-  constexpr double kWeight[3] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
-  const std::vector<Vec2> places = outline_places(outline, 0.05);
-  Box2 box;
-  for (const Vec2& p : places) box.include(p);
-  const double dy = box.size().y() / kRows;
-  const double span = surface.span_mm().x();
-  double volume = 0;
-  for (int row = 0; row < kRows; ++row) {
-    const double y = box.min.y() + (row + 0.5) * dy;
-    std::vector<double> crossings;
-    if (outline.shape == Outline::Shape::kDisk) {
-      const double radius = outline.size_mm.x() / 2;
-      const double half = std::sqrt(std::max(0.0, radius * radius - y * y));
-      crossings = {-half, half};
-    } else {
-      for (std::size_t k = 0; k < places.size(); ++k) {
-        const Vec2& a = places[k];
-        const Vec2& b = places[(k + 1) % places.size()];
-        if ((a.y() > y) != (b.y() > y)) crossings.push_back(a.x() + (y - a.y()) / (b.y() - a.y()) * (b.x() - a.x()));
-      }
-      std::sort(crossings.begin(), crossings.end());
-    }
-    for (std::size_t c = 0; c + 1 < crossings.size(); c += 2) {
-      double x = crossings[c];
-      while (x < crossings[c + 1]) {
-        const double knot = surface.extent().min.x() + span * (std::floor((x - surface.extent().min.x()) / span + 1e-9) + 1);
-        const double next = std::min(knot, crossings[c + 1]);
-        for (int g = 0; g < 3; ++g) volume += dy * (next - x) * kWeight[g] * surface.height(x + kGauss[g] * (next - x), y);
-        x = next;
-      }
-    }
-  }
-  return volume;
-}
 
 void write_step(const std::filesystem::path& path, const TopoDS_Shape& shape, const SolidOptions& options) {
   STEPControl_Writer writer;
@@ -174,12 +141,21 @@ bool is_tile(const Adaptor3d_Surface& face) {
   return std::abs(corner.X() - u) < detail::kToleranceMm && std::abs(corner.Y() - v) < detail::kToleranceMm;
 }
 
+/// The middle of a face's bounds, for the reader of an error.
+std::string place_of(const TopoDS_Face& face) {
+  Bnd_Box box;
+  BRepBndLib::Add(face, box, false);
+  if (box.IsVoid()) return "nowhere";
+  const gp_XYZ middle = (box.CornerMin().XYZ() + box.CornerMax().XYZ()) / 2;
+  return "x " + fixed(middle.X(), 2) + ", y " + fixed(middle.Y(), 2) + ", z " + fixed(middle.Z(), 2) + " mm";
+}
+
 /// Triangles of a face by its own side: `visit(a, b, c)` counter-clockwise seen from outside the solid. The face must be meshed.
 template <typename Visit>
 void for_triangles(const TopoDS_Face& face, const Visit& visit) {
   TopLoc_Location location;
   const Handle(Poly_Triangulation) part = BRep_Tool::Triangulation(face, location);
-  if (part.IsNull()) throw NumericalError("lens solid: OpenCASCADE cannot mesh a face");
+  if (part.IsNull()) throw NumericalError("lens solid: OpenCASCADE cannot mesh the face around " + place_of(face) + kRemedy);
   for (int t = 1; t <= part->NbTriangles(); ++t) {
     int a, b, c;
     part->Triangle(t).Get(a, b, c);
@@ -195,7 +171,6 @@ void for_triangles(const TopoDS_Face& face, const Visit& visit) {
 double volume_mm3(const TopoDS_Shape& shape) {
   constexpr double kGauss[3] = {0.5 - 0.3872983346207415, 0.5, 0.5 + 0.3872983346207415};
   constexpr double kWeight[3] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
-  constexpr int kPiecesPerEdge = 200;  // at least; a tile's border has 80 spans
   double volume = 0;
   for (TopExp_Explorer faces(shape, TopAbs_FACE); faces.More(); faces.Next()) {
     const TopoDS_Face face = TopoDS::Face(faces.Current());
@@ -231,16 +206,17 @@ double volume_mm3(const TopoDS_Shape& shape) {
     };
     for (TopExp_Explorer edges(face.Oriented(TopAbs_FORWARD), TopAbs_EDGE); edges.More(); edges.Next()) {
       const TopoDS_Edge edge = TopoDS::Edge(edges.Current());
-      const BRepAdaptor_Curve2d curve(edge, face);
-      const double first = curve.FirstParameter();
-      const double step = (curve.LastParameter() - first) / kPiecesPerEdge;
+      const BRepAdaptor_Curve curve(edge);  // in space: a reader's curves on faces are approximations
       const double sign = edge.Orientation() == TopAbs_REVERSED ? -1 : 1;
-      for (int k = 0; k < kPiecesPerEdge; ++k) {
+      TColStd_Array1OfReal pieces(1, curve.NbIntervals(GeomAbs_CN) + 1);  // from knot to knot
+      curve.Intervals(pieces, GeomAbs_CN);
+      for (int k = 1; k < pieces.Upper(); ++k) {
+        const double length = pieces(k + 1) - pieces(k);
         for (int g = 0; g < 3; ++g) {
-          gp_Pnt2d at;
-          gp_Vec2d speed;
-          curve.D1(first + (k + kGauss[g]) * step, at, speed);
-          if (speed.Y() != 0) volume += sign * step * kWeight[g] * speed.Y() * along_x(at.X(), at.Y());
+          gp_Pnt at;
+          gp_Vec speed;
+          curve.D1(pieces(k) + kGauss[g] * length, at, speed);
+          if (speed.Y() != 0) volume += sign * length * kWeight[g] * speed.Y() * along_x(at.X(), at.Y());
         }
       }
     }
@@ -267,7 +243,7 @@ PrintMesh meshed(const TopoDS_Shape& shape, double tolerance_mm) {
       if (a != b && b != c && c != a) mesh.triangles.push_back({a, b, c});
     });
   }
-  if (!is_watertight(mesh)) throw NumericalError("lens solid: the mesh for the printer is not closed");
+  if (!is_watertight(mesh)) throw NumericalError("lens solid: the mesh for the printer is not closed; set solid.mesh_tolerance_mm to another value, or to 0 for none");
   return mesh;
 }
 
@@ -313,7 +289,6 @@ SolidSummary write_lens_step(const std::filesystem::path& path, const SplineSurf
     throw InputError("lens solid: the optical surface comes down to z = " + std::to_string(lowest) +
                      " mm, through the flat back in z = 0: make lens.thickness_mm larger");
   }
-  summary.expected_volume_mm3 = options.outline ? volume_within(surface, *options.outline) : surface.volume_mm3();
   const Outline optical = options.outline.value_or(Outline{Outline::Shape::kRectangle, surface.extent().size(), {}});
   const Land land{optical, with_land(optical, options.land_mm), options.land_mm > 0 ? options.land_z_mm : 0};
   if (options.land_mm > 0) {
@@ -324,23 +299,17 @@ SolidSummary write_lens_step(const std::filesystem::path& path, const SplineSurf
                          " mm must lie above the back and below the whole border of the optical surface");
       }
     }
-    summary.expected_volume_mm3 += land.z_mm * (land.part.area_mm2() - optical.area_mm2());
+  }
+  const std::vector<detail::WallPiece> walls = detail::wall_pieces(optical);
+  summary.expected_volume_mm3 = options.outline ? detail::volume_within(surface, walls) : surface.volume_mm3();
+  if (options.land_mm > 0) {
+    summary.expected_volume_mm3 += land.z_mm * (detail::area_within_mm2(detail::wall_pieces(land.part)) - detail::area_within_mm2(walls));
   }
   summary.expected_volume_mm3 -= mount_volume_mm3(options.mount, land);
   const ExchangeSession session(options.schema);
   with_cascade_errors([&] {
     monitor.report("building the solid", 0);
     const TopoDS_Shape solid = detail::lens_shape(surface, options);
-    double volume_tolerance = kVolumeTolerance * summary.expected_volume_mm3;
-    if (options.outline) {
-      // The walls are curves through the outline's places; along them the surface is anywhere between lowest and highest.
-      const double beside = detail::area_beside_chords_mm2(optical);
-      summary.expected_volume_mm3 += beside * (lowest + surface.highest()) / 2;
-      volume_tolerance = kTrimmedVolumeTolerance * summary.expected_volume_mm3 + std::abs(beside) * (surface.highest() - lowest);
-      if (options.land_mm > 0) {
-        summary.expected_volume_mm3 += land.z_mm * (detail::area_beside_chords_mm2(land.part) - beside);
-      }
-    }
     if (options.mesh_tolerance_mm > 0) {
       monitor.report("meshing the solid", 0.05);
       summary.mesh = meshed(solid, options.mesh_tolerance_mm);
@@ -362,14 +331,15 @@ SolidSummary write_lens_step(const std::filesystem::path& path, const SplineSurf
       summary.volume_mm3 = volume_mm3(read);
       monitor.check();
       summary.max_deviation_um = deviation_um(read, surface);
-      if (!summary.valid) throw NumericalError("lens solid: OpenCASCADE calls the solid read back invalid or open");
-      if (std::abs(summary.volume_mm3 - summary.expected_volume_mm3) > volume_tolerance) {
-        throw NumericalError("lens solid: the volume read back is " + std::to_string(summary.volume_mm3) +
-                             " mm^3, the spline's own integral is " + std::to_string(summary.expected_volume_mm3));
+      const double volume_tolerance = options.mount.chamfer_mm > 0 ? kChamferedVolumeTolerance : kVolumeTolerance;
+      if (!summary.valid) throw NumericalError(path.string() + ": OpenCASCADE calls the solid read back invalid or open" + kRemedy);
+      if (std::abs(summary.volume_mm3 - summary.expected_volume_mm3) > volume_tolerance * summary.expected_volume_mm3) {
+        throw NumericalError(path.string() + ": the volume read back is " + std::to_string(summary.volume_mm3) +
+                             " mm^3, the spline's own integral is " + std::to_string(summary.expected_volume_mm3) + kRemedy);
       }
       if (summary.max_deviation_um > kDeviationToleranceUm) {
-        throw NumericalError("lens solid: faces read back are off by " + std::to_string(summary.max_deviation_um) +
-                             " um");
+        throw NumericalError(path.string() + ": faces read back are off by " + std::to_string(summary.max_deviation_um) +
+                             " um" + kRemedy);
       }
     });
   });

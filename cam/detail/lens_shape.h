@@ -13,7 +13,4 @@ constexpr double kToleranceMm = 1e-7;
 /// One solid: the surface's tiles and walls within the outline, on the land with its mounting features. Edges are shared.
 TopoDS_Shape lens_shape(const SplineSurface& surface, const SolidOptions& options);
 
-/// How much larger the outline is by the curves through its places than by its chords.
-double area_beside_chords_mm2(const Outline& outline);
-
 }  // namespace lightmill::detail

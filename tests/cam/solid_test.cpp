@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
 #include <string>
 
 #include "cam/detail/spline_refinement.h"
@@ -187,6 +188,56 @@ TEST_F(Solid, WithinADiskOrALoopHasItsVolumeAndItsLand) {
   const SolidSummary loop = write_lens_step(folder_ / "loop.step", surface, options);
   EXPECT_TRUE(loop.valid);
   EXPECT_NEAR(loop.volume_mm3 / (kPi * 88 * (12 - 0.004 * 121 / 4 + 0.002 * 64 / 4)), 1, 1e-5);
+}
+
+/// A polygon with corners, star-shaped about the origin; some of its sides are level, upright, or through the middle of a span.
+Outline random_star(std::mt19937& random, double radius) {
+  Outline outline;
+  outline.shape = Outline::Shape::kLoop;
+  const int corners = std::uniform_int_distribution(3, 12)(random);
+  for (int k = 0; k < corners; ++k) {
+    const double angle = 2 * kPi * (k + std::uniform_real_distribution(0.0, 0.7)(random)) / corners;
+    Vec2 p = radius * std::uniform_real_distribution(0.35, 1.0)(random) * Vec2(std::cos(angle), std::sin(angle));
+    if (k % 3 == 1) p = (p * 2).array().round() / 2;
+    outline.loop_mm.push_back(p);
+  }
+  return outline;
+}
+
+Outline rectangle_loop(const Vec2& h) {
+  return {Outline::Shape::kLoop, {}, {{-h.x(), -h.y()}, {h.x(), -h.y()}, {h.x(), h.y()}, {-h.x(), h.y()}}};
+}
+
+TEST_F(Solid, EveryOutlineMakesAClosedSolid) {
+  // Of four tiles and a surface that is no polynomial: sides along the surface's own border, ovals that touch it, any star.
+  const SplineSurface flat = paraboloid(Box2::centred({40, 36}), 121, 120, 12, -0.002, 0.001, 0.0015);
+  Grid<double> c = flat.coefficients();
+  for (int j = 0; j < c.height; ++j) {
+    for (int i = 0; i < c.width; ++i) c.at(i, j) += 0.2 * std::sin(0.3 * i) * std::cos(0.2 * j) + 0.02 * std::abs(i - 50 - j);
+  }
+  const SplineSurface surface(flat.extent(), 121, 120, c);
+  std::vector<Outline> outlines{rectangle_loop({18, 16}), rectangle_loop({20, 18}), ellipse(20, 18, 200), ellipse(19.6, 12, 90)};
+  std::mt19937 random(7);
+  for (int k = 0; k < 4; ++k) outlines.push_back(random_star(random, 18));
+  const double r = std::uniform_real_distribution(3.0, 18.0)(random);
+  outlines.push_back(ellipse(r, r * 0.7, 60));
+  for (std::size_t k = 0; k < outlines.size(); ++k) {
+    SolidOptions options;
+    options.outline = outlines[k];
+    if (k % 2 == 1) {
+      options.land_mm = 1.5;
+      options.land_z_mm = 4;
+      options.mesh_tolerance_mm = 0.1;
+    }
+    try {
+      const SolidSummary solid = write_lens_step(folder_ / "lens.step", surface, options);
+      EXPECT_TRUE(solid.valid) << k;
+      EXPECT_NEAR(solid.volume_mm3 / solid.expected_volume_mm3, 1, 1e-8) << k;
+      EXPECT_LT(solid.max_deviation_um, 1e-6) << k;
+    } catch (const std::exception& error) {
+      ADD_FAILURE() << k << ": " << error.what();
+    }
+  }
 }
 
 /// Area of a regular polygon or a smooth loop moved inwards by t goes down by P t - k t^2: k is pi for a smooth one, 4 for a
