@@ -73,6 +73,12 @@ void CutterCompensation::arc(const AxisValues& to, int u, int v, double cu, doub
   core_.arc(to, u, v, cu, cv, turn, feed.inverse_time ? 60 / feed.value : length * 60 / feed.value);
 }
 
+void CutterCompensation::follow(const ContourMove& move, int u, int v) {
+  const Feed feed{move.feed_per_min, false};
+  if (move.arc) return arc(move.to, u, v, move.arc->u, move.arc->v, move.arc->turn_rad, feed);
+  straight(move.to, move.rapid, feed);
+}
+
 void CutterCompensation::flush() {
   from_.reset();
   const long line = core_.line;

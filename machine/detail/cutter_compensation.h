@@ -80,6 +80,8 @@ class CutterCompensation {
   /// In program coordinates; an arc as in ReaderCore.
   void straight(const AxisValues& to, bool rapid, const Feed& feed);
   void arc(const AxisValues& to, int u, int v, double centre_u, double centre_v, double turn_rad, const Feed& feed);
+  /// Either of them, at its feed per minute; an arc in the plane u, v.
+  void follow(const ContourMove& move, int u, int v);
   /// Behind the move that is held back.
   void say(ProgramStep::Kind kind, int number, double value = 0);
   void flush();

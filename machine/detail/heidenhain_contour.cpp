@@ -7,8 +7,6 @@ namespace lightmill::detail {
 
 namespace {
 
-constexpr double kSameDirection = 1e-9;  // of two unit vectors
-
 Vec2 in_plane(const AxisValues& p) {
   return {p[0], p[1]};
 }
@@ -20,42 +18,6 @@ AxisValues moved_to(AxisValues p, const Vec2& place) {
   p[1] = place.y();
   return p;
 }
-
-/// A move of a contour in X and Y alone.
-struct Piece {
-  Vec2 from, to;
-  std::optional<ContourMove::Arc> arc;
-
-  [[nodiscard]] int sense() const { return !arc ? 0 : arc->turn_rad < 0 ? -1 : 1; }
-  [[nodiscard]] PlanePath path() const {
-    if (!arc) return PlanePath::line(from, (to - from).normalized());
-    const Vec2 centre(arc->u, arc->v);
-    return PlanePath::circle(centre, (from - centre).norm(), sense());
-  }
-  /// The path that runs at a distance to its left; none inside a circle that is too small.
-  [[nodiscard]] std::optional<PlanePath> beside(double left_mm) const {
-    PlanePath p = path();
-    if (!arc)
-      p.at += left_mm * left_of(p.direction);
-    else if (!((p.radius -= sense() * left_mm) > 0))
-      return std::nullopt;
-    return p;
-  }
-  /// The place of the piece's path that is nearest to one beside it.
-  [[nodiscard]] Vec2 nearest(const Vec2& p) const {
-    const PlanePath on = path();
-    if (arc) return on.at + on.radius * (p - on.at).normalized();
-    return on.at + (p - on.at).dot(on.direction) * on.direction;
-  }
-  /// The share of the piece between a place of its path and its beginning, or its end.
-  [[nodiscard]] double share(const Vec2& p, bool to_end) const {
-    if (!arc) return (to_end ? to - p : p - from).dot(to - from) / (to - from).squaredNorm();
-    const Vec2 centre(arc->u, arc->v), a = (to_end ? p : from) - centre, b = (to_end ? to : p) - centre;
-    double turn = sense() * std::atan2(cross(a, b), a.dot(b));
-    if (turn < -kSameDirection) turn += 2 * kPi;
-    return turn / std::abs(arc->turn_rad);
-  }
-};
 
 }  // namespace
 
@@ -83,14 +45,13 @@ void HeidenhainReader::corner() {
   const int column = tokens_[0].column;
   const bool chamfer = is(0, "CHF");
   if (!held_) reject(column, "RND and CHF stand behind a path of the contour");
-  if (held_->size_mm > 0) reject(column, "a second corner where there is one");
+  if (held_->corner.size_mm > 0) reject(column, "a second corner where there is one");
   if (tokens_.size() < 2) incomplete();
   std::string_view text = tokens_[1].text;
   if (text[0] == 'R') text.remove_prefix(1);
   if (!chamfer && text.size() == tokens_[1].text.size()) reject(tokens_[1].column, "RND needs its R");
-  held_->size_mm = number(text, tokens_[1].column) * unit_;
-  if (!(held_->size_mm > 0)) reject(tokens_[1].column, "a corner's size must be above 0");
-  held_->chamfer = chamfer;
+  held_->corner = {number(text, tokens_[1].column) * unit_, chamfer};
+  if (!(held_->corner.size_mm > 0)) reject(tokens_[1].column, "a corner's size must be above 0");
   held_->corner_line = core_.line;
   held_->corner_feed = held_->move.feed_per_min;
   if (tokens_.size() > 2 && tokens_[2].text[0] == 'F') {
@@ -105,81 +66,40 @@ void HeidenhainReader::corner() {
 /// A path as programmed: behind what waits for it, and held back if a corner is to follow.
 void HeidenhainReader::follow(ContourMove next, const Feed& feed) {
   const bool corner = corner_follows();
-  const bool cut = held_.has_value();
-  if ((corner || cut) && (feed.inverse_time || next.rapid))
+  if ((corner || held_) && (feed.inverse_time || next.rapid))
     reject(tokens_[0].column, "RND and CHF stand between paths without FMAX and FT");
   if (approach_) approach(next);
-  if (cut) turn_corner(next);
-  if (corner) {
-    held_ = HeldPath{path_.place(), next, false, 0, 0, core_.line, 0};
-    return;
+  if (held_) {
+    const std::optional<ContourMove> rest = turn_corner(next);
+    if (!rest && !corner) return;  // all cut off
+    if (rest) next = *rest;
   }
-  const AxisValues from = path_.place();
-  if (cut && in_plane(from) == in_plane(next.to) && (!next.arc || next.arc->turn_rad == 0)) return;  // all cut off
-  if (next.arc)
+  if (corner) {
+    held_ = HeldPath{path_.place(), next, {}, 0, core_.line, 0};
+  } else if (next.arc) {
     path_.arc(next.to, 0, 1, next.arc->u, next.arc->v, next.arc->turn_rad, feed);
-  else
+  } else {
     path_.straight(next.to, next.rapid, feed);
+  }
 }
 
-/// Lets the path before a corner go and what cuts it off, and shortens the next.
-void HeidenhainReader::turn_corner(ContourMove& next) {
+/// Lets the path before a corner go and what cuts it off; what is left of the next.
+std::optional<ContourMove> HeidenhainReader::turn_corner(const ContourMove& next) {
   const HeldPath held = *held_;
   held_.reset();
   const long line = core_.line;
   core_.line = held.corner_line;
-  const int column = tokens_[0].column;
-  ContourMove before = held.move;
-  for (std::size_t k = 2; k < 5; ++k) {
-    if (before.to[k] != held.from[k] || next.to[k] != held.from[k])
-      reject(column, "RND and CHF stand between paths in X and Y");
-  }
-  const Vec2 corner = in_plane(before.to);
-  const Piece a{in_plane(held.from), corner, before.arc}, b{corner, in_plane(next.to), next.arc};
-  if ((!a.arc && a.from == a.to) || (!b.arc && b.from == b.to))
-    reject(column, "RND and CHF stand between paths in X and Y");
-  const Vec2 ahead = b.path().direction_at(corner), along = a.path().direction_at(corner);
-  const double turn = cross(along, ahead);
-  if (std::abs(turn) < kSameDirection && along.dot(ahead) < 0) reject(column, "RND and CHF where the path turns back");
-  Vec2 begin = corner, end = corner;
-  std::optional<ContourMove::Arc> rounding;
-  if (held.chamfer) {
-    if (a.arc || b.arc) reject(column, "CHF stands between straight lines");
-    begin -= held.size_mm * along;
-    end += held.size_mm * ahead;
-  } else if (std::abs(turn) >= kSameDirection) {
-    // The rounding's centre has the same distance to both, on the side to which the path turns.
-    const double left_mm = std::copysign(held.size_mm, turn);
-    const auto beside_a = a.beside(left_mm), beside_b = b.beside(left_mm);
-    const auto places = beside_a && beside_b ? crossings(*beside_a, *beside_b) : std::nullopt;
-    if (!places) reject(column, "the rounding is larger than the paths beside it");
-    const Vec2& centre = (*places)[((*places)[0] - corner).norm() <= ((*places)[1] - corner).norm() ? 0 : 1];
-    begin = a.nearest(centre);
-    end = b.nearest(centre);
-    const Vec2 u = begin - centre, v = end - centre;
-    rounding = ContourMove::Arc{centre.x(), centre.y(),
-                                turn_between(std::atan2(u.y(), u.x()), std::atan2(v.y(), v.x()), turn < 0)};
-  }
-  double cut_before = begin == corner ? 0 : a.share(begin, true), cut_behind = end == corner ? 0 : b.share(end, false);
-  if (!(std::max(cut_before, cut_behind) < 1 + kSameDirection && std::min(cut_before, cut_behind) >= 0))
-    reject(column, std::string(held.chamfer ? "the chamfer" : "the rounding") + " is larger than the paths beside it");
-  if (cut_before > 1 - kSameDirection) begin = a.from, cut_before = 1;
-  if (cut_behind > 1 - kSameDirection) end = b.to, cut_behind = 1;
-  if (before.arc) before.arc->turn_rad *= 1 - cut_before;
-  if (next.arc) next.arc->turn_rad *= 1 - cut_behind;
+  CutCorner corner = cut_corner(held.from, held.move, next, 0, 1, held.corner, tokens_[0].column);
   core_.line = held.line;
-  before.to = moved_to(before.to, begin);
-  if (cut_before < 1 && before.arc)
-    path_.arc(before.to, 0, 1, before.arc->u, before.arc->v, before.arc->turn_rad, {before.feed_per_min, false});
-  else if (cut_before < 1)
-    path_.straight(before.to, false, {before.feed_per_min, false});
+  if (corner.before) path_.follow(*corner.before, 0, 1);
   say_waiting();
   core_.line = held.corner_line;
-  if (rounding)
-    path_.arc(moved_to(before.to, end), 0, 1, rounding->u, rounding->v, rounding->turn_rad, {held.corner_feed, false});
-  else if (held.chamfer)
-    path_.straight(moved_to(before.to, end), false, {held.corner_feed, false});
+  if (corner.cut) {
+    corner.cut->feed_per_min = held.corner_feed;
+    path_.follow(*corner.cut, 0, 1);
+  }
   core_.line = line;
+  return corner.next;
 }
 
 /// APPR LT X Y Z LEN RL F, and LN, CT (CCA R), LCT (R), with P before their names in polar words. The cutter moves with
@@ -270,9 +190,8 @@ void HeidenhainReader::approach(const ContourMove& first) {
   approach_.reset();
   const int column = tokens_[0].column;
   const Vec2 at = in_plane(a.to);
-  const Piece piece{at, in_plane(first.to), first.arc};
-  if (!piece.arc && piece.from == piece.to) reject(column, "behind APPR a path in X and Y must follow");
-  const Vec2 along = piece.path().direction_at(at);
+  if (!first.arc && at == in_plane(first.to)) reject(column, "behind APPR a path in X and Y must follow");
+  const Vec2 along = first_direction(a.to, first, 0, 1);
   const double cutter_mm = a.side * cutter_radius();  // signed: to the left
   const Feed feed{a.feed, false};
   const long line = core_.line;

@@ -5,7 +5,7 @@
 #include <optional>
 #include <unordered_map>
 
-#include "machine/detail/cutter_compensation.h"
+#include "machine/detail/contour_corner.h"
 #include "machine/detail/expressions.h"
 
 namespace lightmill::detail {
@@ -41,6 +41,7 @@ class HeidenhainReader : private ExpressionReader {
     if (path_.on()) reject(tokens_[0].column, std::string(what) + " while cutter compensation is on");
   }
   void modes(std::size_t i);
+  std::size_t retract(std::size_t i);
   void finish();
 
   // --- Cycles: heidenhain_cycles.cpp ---
@@ -109,8 +110,8 @@ class HeidenhainReader : private ExpressionReader {
   struct HeldPath {
     AxisValues from{};
     ContourMove move;
-    bool chamfer = false;
-    double size_mm = 0, corner_feed = 0;
+    Corner corner;
+    double corner_feed = 0;
     long line = 0, corner_line = 0;
   };
   struct Transition {
@@ -142,7 +143,7 @@ class HeidenhainReader : private ExpressionReader {
   [[nodiscard]] bool corner_follows() const;
   void corner();
   void follow(ContourMove next, const Feed& feed);
-  void turn_corner(ContourMove& next);
+  std::optional<ContourMove> turn_corner(const ContourMove& next);
   void begin_approach();
   std::size_t read_transition(Path& path, Transition& way, const AxisValues& from);
   [[nodiscard]] TouchingArc touching_arc(const Transition& way, const Vec2& at, const Vec2& along, int side,

@@ -64,7 +64,7 @@ void SiemensReader::look_through() {
     if (word == "PROC") {
       take_name(word);
       skip_blanks();
-      subprograms_.emplace(name(), i);
+      subprograms_.insert_or_assign(std::string(name()), i);  // behind a %_N_ of the same name
       sections_.push_back(i);
       open.clear();
     } else if (is_opener(word)) {
@@ -114,7 +114,7 @@ bool SiemensReader::statement() {
   } else if (word == "CYCLE800") {
     take_name(word);
     swivel();
-  } else if (!read_frame() && !assignment()) {
+  } else if (!read_frame() && !cycle_call() && !assignment()) {
     const bool l_call = word.size() > 1 && word[0] == 'L' && word[1] >= '0' && word[1] <= '9';
     if (!l_call && (word.size() < 2 || (word[1] >= '0' && word[1] <= '9'))) return false;
     look_through();
@@ -132,7 +132,7 @@ bool SiemensReader::statement() {
 }
 
 /// A variable at the cursor to be set; none if there stands something else.
-double* SiemensReader::variable(int depth) {
+SiemensReader::Variable* SiemensReader::variable(int depth) {
   if (*p_ == 'R' && p_ + 1 != end_ && ((p_[1] >= '0' && p_[1] <= '9') || p_[1] == '[')) {
     const int where = column();
     ++p_;
@@ -152,36 +152,53 @@ double* SiemensReader::variable(int depth) {
   return &found->second;
 }
 
+/// INT takes the nearest whole number.
+void SiemensReader::assign(Variable& variable) {
+  const double v = expression();
+  variable.value = variable.whole ? std::round(v) : v;
+}
+
 bool SiemensReader::assignment() {
   bool any = false;
   for (skip_blanks(); p_ != end_ && *p_ != ';'; skip_blanks()) {
-    double* const target = variable();
+    Variable* const target = variable();
     if (target == nullptr) {
       if (any) reject(column(), "assignments stand in a block of their own");
       return false;
     }
     skip_blanks();
     if (!take("=")) reject(column(), "'=' is missing");
-    *target = expression();
+    assign(*target);
     any = true;
   }
   return any;
 }
 
+std::string SiemensReader::new_name() {
+  skip_blanks();
+  const std::string_view wanted = name();
+  if (wanted.size() < 2 || (wanted[1] >= '0' && wanted[1] <= '9'))
+    reject(column(), "a variable's name begins with two letters");
+  p_ += wanted.size();
+  return std::string(wanted);
+}
+
+bool SiemensReader::type_is_whole() {
+  skip_blanks();
+  if (take_name("INT") || take_name("BOOL")) return true;
+  if (!take_name("REAL")) reject(column(), "variables are understood as REAL, INT and BOOL");
+  return false;
+}
+
 /// DEF REAL LENGTH, WIDTH=5
 void SiemensReader::define_variables() {
   take_name("DEF");
-  skip_blanks();
-  if (!take_name("REAL")) reject(column(), "variables are understood as DEF REAL");
+  const bool whole = type_is_whole();
   do {
+    const std::string known = new_name();
     skip_blanks();
-    const std::string_view wanted = name();
-    if (wanted.size() < 2 || (wanted[1] >= '0' && wanted[1] <= '9'))
-      reject(column(), "a variable's name begins with two letters");
-    const std::string known(wanted);
-    p_ += wanted.size();
-    skip_blanks();
-    const double v = take("=") ? expression() : 0;
+    Variable v{0, whole};
+    if (take("=")) assign(v);
     if (!variables_.emplace(known, v).second) reject(column(), "variable " + known + " is defined already");
     skip_blanks();
   } while (take(","));
@@ -203,7 +220,7 @@ void SiemensReader::branch(const std::string& word) {
     if (expression() == 0) next_ = partner_of(where);
   } else if (word == "FOR") {
     skip_blanks();
-    double* const counter = variable();
+    Variable* const counter = variable();
     if (counter == nullptr) reject(column(), "FOR needs a variable");
     skip_blanks();
     if (!take("=")) reject(column(), "'=' is missing");
@@ -211,9 +228,9 @@ void SiemensReader::branch(const std::string& word) {
     skip_blanks();
     if (!take_name("TO")) reject(column(), "FOR needs TO");
     const double last = expression();
-    *counter = counted_ == at_ ? *counter + 1 : first;
+    counter->value = counted_ == at_ ? counter->value + 1 : first;
     counted_.reset();
-    if (*counter > last) next_ = partner_of(where) + 1;
+    if (counter->value > last) next_ = partner_of(where) + 1;
   } else if (word == "ENDFOR" || word == "ENDWHILE" || word == "ENDLOOP") {
     next_ = partner_of(where);
     if (word == "ENDFOR") counted_ = next_;
@@ -247,14 +264,65 @@ void SiemensReader::jump(bool holds) {
   next_ = line;
 }
 
-/// L10 P3: a program of this file, three times.
+/// (8, , 2): what is left out is empty.
+std::vector<std::optional<double>> SiemensReader::arguments() {
+  std::vector<std::optional<double>> values;
+  if (!take("(")) reject(column(), "'(' is missing");
+  for (skip_blanks(); !take(")"); skip_blanks()) {
+    if (p_ == end_) reject(column(), "')' is missing");
+    std::optional<double>& value = values.emplace_back();
+    if (*p_ != ',' && *p_ != ')') value = expression();
+    skip_blanks();
+    if (p_ != end_ && *p_ != ')' && !take(",")) reject(column(), "',' or ')' expected");
+  }
+  return values;
+}
+
+/// PROC NAME(REAL RADIUS, INT COUNT=2): the parameters are the subprogram's own until it ends.
+void SiemensReader::take_arguments(std::size_t line, Call& call, int where) {
+  const std::vector<std::optional<double>> values = p_ != end_ && *p_ == '(' ? arguments() : decltype(arguments()){};
+  const std::string text = text_;
+  const auto offset = p_ - text_.data();
+  text_ = lines_[line].substr(0, lines_[line].find(';'));
+  for (char& c : text_) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  p_ = text_.data() + std::min(text_.find('('), text_.size());
+  end_ = text_.data() + text_.size();
+  std::size_t count = 0;
+  if (take("(")) {
+    for (skip_blanks(); !take(")"); skip_blanks()) {
+      if (p_ == end_) reject(where, "the subprogram's list of parameters does not end");
+      Variable parameter{0, type_is_whole()};
+      const std::string known = new_name();
+      skip_blanks();
+      if (take("=")) assign(parameter);
+      if (count < values.size() && values[count]) parameter.value = *values[count];
+      if (parameter.whole) parameter.value = std::round(parameter.value);
+      ++count;
+      const auto old = variables_.find(known);
+      call.hidden.emplace_back(known, old == variables_.end() ? std::nullopt : std::optional(old->second));
+      variables_[known] = parameter;
+      skip_blanks();
+      if (p_ != end_ && *p_ != ')' && !take(",")) reject(where, "the subprogram's parameters stand apart by commas");
+    }
+  }
+  text_ = text;
+  p_ = text_.data() + offset;
+  end_ = text_.data() + text_.size();
+  if (values.size() > count) reject(where, "more values than the subprogram has parameters");
+}
+
+/// L10 P3: a program of this file, three times. POCKET(8): with values for its parameters.
 void SiemensReader::call(std::size_t line, int where) {
   skip_blanks();
   double times = 1;
+  if (calls_.size() >= kDeepestCall) reject(where, "subprograms nested too deeply");
+  Call call{next_, line + 1, 0, {}};
+  take_arguments(line, call, where);
+  skip_blanks();
   if (take("P")) times = address_value();
   if (!(times >= 1 && times <= 9999) || times != std::floor(times)) reject(column(), "P counts from 1 to 9999");
-  if (calls_.size() >= kDeepestCall) reject(where, "subprograms nested too deeply");
-  calls_.push_back({next_, line + 1, static_cast<long>(times) - 1});
+  call.left = static_cast<long>(times) - 1;
+  calls_.push_back(std::move(call));
   next_ = line + 1;
 }
 
@@ -267,9 +335,16 @@ void SiemensReader::leave_program(int code) {
       return;
     }
     next_ = back.back;
+    for (auto hidden = back.hidden.rbegin(); hidden != back.hidden.rend(); ++hidden) {
+      if (hidden->second)
+        variables_[hidden->first] = *hidden->second;
+      else
+        variables_.erase(hidden->first);
+    }
     calls_.pop_back();
     return;
   }
+  refuse_inside_contour();
   path_.stop();
   core_.say(ProgramStep::kEnd, code);
   ended_ = true;

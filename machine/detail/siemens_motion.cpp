@@ -43,11 +43,15 @@ bool SiemensReader::read_frame() {
 }
 
 void SiemensReader::renew_frame() {
+  refuse_inside_contour();
   core_.set_frame(swivelled_ * programmed_, swivels_);
 }
 
 /// CYCLE800(FR, TC, ST, MODE, X0, Y0, Z0, A, B, C, X1, Y1, Z1, DIR, ...): a plane by turns about axes one after the
-/// other, to which the rotary axes turn the tool; CYCLE800() ends it.
+/// other, to which the rotary axes turn the tool; CYCLE800() ends it. MODE: bits 7 and 6 are 00 for axis by axis; bits
+/// 1 and 0, 3 and 2, 5 and 4 name the axes about which A, B and C turn, 1 to 3 for X to Z; so 57 turns about X, Y, Z,
+/// 27 about Z, Y, X [HiAPI, NcArgCycle800]. The lower or higher angle of DIR: [SINUMERIK 828D operating manual
+/// 08/2018, 10.6].
 void SiemensReader::swivel() {
   const int where = column();
   if (path_.on()) reject(where, "a swivelled plane while cutter compensation is on");
@@ -145,7 +149,7 @@ void SiemensReader::set_direction(const Words& w, AxisValues& to, std::optional<
 
 void SiemensReader::move(const Words& w, bool feed_here) {
   if (path_.on() && w.suppress) reject(1, "SUPA while cutter compensation is on");
-  AxisValues from = w.suppress ? core_.joints() : path_.place();
+  AxisValues from = w.suppress ? core_.joints() : place();
   AxisValues to = from;
   for (std::size_t i = 0; i < 5; ++i) {
     const AxisWord& word = w.axes[i];
@@ -164,7 +168,10 @@ void SiemensReader::move(const Words& w, bool feed_here) {
     if (motion_ > 1 || w.suppress || path_.on()) reject(1, "A3, B3 and C3 need G0 or G1, without SUPA, G41 or G42");
     set_direction(w, to, great_circle_to);
   }
-  const auto seconds = [&] { return motion_ == 0 ? 0 : given.inverse_time ? 60 / given.value : core_.seconds_at(to, given.value); };
+  const auto seconds = [&] {
+    return motion_ == 0 ? 0 : given.inverse_time ? 60 / given.value : core_.seconds_at(to, given.value);
+  };
+  if (w.suppress || great_circle_to) refuse_inside_contour();
   if (w.suppress) {
     if (core_.tcp()) reject(1, "SUPA before TRAFOOF");
     if (motion_ > 1) reject(1, "SUPA needs G0 or G1");
@@ -176,13 +183,13 @@ void SiemensReader::move(const Words& w, bool feed_here) {
     path_.forget_lead();
     return core_.move_on_great_circle(to, *great_circle_to, motion_ == 0, seconds());
   }
-  if (motion_ <= 1) return path_.straight(to, motion_ == 0, given);
+  if (motion_ <= 1) return follow(w, {to, motion_ == 0, given.value, {}}, given);
   arc(w, to);
 }
 
 /// By its centre (from the start, or absolute with AC) or its radius, in any plane, with TURN more circles.
 void SiemensReader::arc(const Words& w, const AxisValues& to) {
-  const AxisValues from = path_.place();
+  const AxisValues from = place();
   const int u = kPlanes[plane_][0], v = kPlanes[plane_][1], across = kPlanes[plane_][2];
   const bool clockwise = motion_ == 2;
   const auto centre = [&](int axis) {
@@ -204,7 +211,43 @@ void SiemensReader::arc(const Words& w, const AxisValues& to) {
   if (!(more >= 0 && more <= 999) || more != std::floor(more)) reject(1, "TURN counts from 0 to 999");
   double turn = turn_between(std::atan2(from[v] - cv, from[u] - cu), std::atan2(to[v] - cv, to[u] - cu), clockwise);
   turn += (clockwise ? -2 : 2) * kPi * more;
-  path_.arc(to, u, v, cu, cv, turn, feed());
+  follow(w, {to, false, feed().value, ContourMove::Arc{cu, cv, turn}}, feed());
+}
+
+/// A path, behind the corner before it; held back if one stands at its end. RND=2 rounds, CHR=2 takes 2 mm from either
+/// side, CHF=2 is as long from side to side.
+void SiemensReader::follow(const Words& w, ContourMove next, const Feed& feed) {
+  const int u = kPlanes[plane_][0], v = kPlanes[plane_][1];
+  const bool corner = w.rounding || w.chamfer || w.side;
+  if ((corner || held_) && (next.rapid || feed.inverse_time))
+    reject(1, "RND, CHF and CHR stand between paths with a feed per minute");
+  if (held_) {
+    HeldPath held = *held_;
+    held_.reset();
+    if (held.chamfer_length_mm > 0) {
+      const Vec2 along = last_direction(held.from, held.move, u, v), ahead = first_direction(held.move.to, next, u, v);
+      held.corner.size_mm = held.chamfer_length_mm / (along + ahead).norm();
+    }
+    const CutCorner cut = cut_corner(held.from, held.move, next, u, v, held.corner, 1);
+    const long line = core_.line;
+    core_.line = held.line;
+    if (cut.before) path_.follow(*cut.before, u, v);
+    if (cut.cut) path_.follow(*cut.cut, u, v);
+    core_.line = line;
+    if (!cut.next && !corner) return;  // all cut off
+    if (cut.next) next = *cut.next;
+  }
+  if (corner) {
+    if (int(w.rounding.has_value()) + int(w.chamfer.has_value()) + int(w.side.has_value()) > 1)
+      reject(1, "one of RND, CHF and CHR");
+    const double size = w.rounding.value_or(w.chamfer.value_or(w.side.value_or(0))) * unit_;
+    if (!(size > 0)) reject(1, "RND, CHF and CHR must be above 0");
+    held_ = HeldPath{path_.place(), next, {size, !w.rounding}, w.chamfer ? size : 0, core_.line};
+  } else if (next.arc) {
+    path_.arc(next.to, u, v, next.arc->u, next.arc->v, next.arc->turn_rad, feed);
+  } else {
+    path_.straight(next.to, next.rapid, feed);
+  }
 }
 
 }  // namespace lightmill::detail

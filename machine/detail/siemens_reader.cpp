@@ -132,12 +132,12 @@ bool SiemensReader::operand(double& v, int depth) {
     ++p_;
     if (!take("]")) reject(column(), "']' is missing");
     if (path_.on()) reject(where, "the position is not known while cutter compensation is on");
-    const double q = (machine ? core_.joints() : path_.place())[static_cast<std::size_t>(axis)];
+    const double q = (machine ? core_.joints() : place())[static_cast<std::size_t>(axis)];
     v = q / (axis < 3 ? unit_ : kRadPerDegree);
     return true;
   }
-  const double* const known = variable(depth);
-  if (known != nullptr) v = *known;
+  const Variable* const known = variable(depth);
+  if (known != nullptr) v = known->value;
   return known != nullptr;
 }
 
@@ -182,14 +182,16 @@ void SiemensReader::read_word(Words& w, std::uint32_t& groups) {
 
 bool SiemensReader::read_keyword(std::string_view word, int where, Words& w) {
   p_ += word.size();
-  if (word == "CR" || word == "TURN") {
-    std::optional<double>& v = word == "CR" ? w.radius : w.turns;
+  const std::pair<std::string_view, std::optional<double>&> kNumbers[] = {
+      {"CR", w.radius}, {"TURN", w.turns}, {"RND", w.rounding}, {"CHF", w.chamfer}, {"CHR", w.side}};
+  for (const auto& [name, v] : kNumbers) {
+    if (word != name) continue;
     if (v || p_ == end_ || *p_ != '=') reject(where, std::string(word) + " stands once in a block, with =");
     v = address_value();
     expect_word_end();
     return true;
   }
-  if (word == "MSG" || word == "CYCLE832") {
+  if (word == "MSG" || word == "CYCLE832" || word == "WORKPIECE") {  // WORKPIECE: the blank
     if (!take("(")) reject(column(), "'(' is missing");
     const char* const begin = p_;
     while (p_ != end_ && *p_ != ')') ++p_;
@@ -384,6 +386,9 @@ void SiemensReader::change_tool(const Words& w) {
 }
 
 void SiemensReader::perform(Words& w) {
+  const bool only_path = w.d < 0 && w.tool < 0 && w.tcp < 0 && w.offset < 0 && w.spindle < 0 && w.coolant < 0 &&
+                         w.stop < 0 && w.compensation < 0 && !w.s && !w.suppress && !w.dwell && !w.change;
+  if (!only_path) refuse_inside_contour();
   if (w.dwell) {
     if (!w.f || *w.f < 0) reject(1, "G4 needs its seconds in F");
     path_.say(ProgramStep::kDwell, 0, *w.f);
@@ -423,6 +428,11 @@ void SiemensReader::perform(Words& w) {
     move(w, w.f.has_value());
   else if (std::any_of(w.centre.begin(), w.centre.end(), named) || w.radius || w.turns)
     reject(1, "words of an arc without one");
+  const auto in_plane = [&](int i) { return w.axes[static_cast<std::size_t>(kPlanes[plane_][i])].named; };
+  if (modal_cycle_ && (in_plane(0) || in_plane(1))) {
+    if (path_.on() || w.suppress) reject(1, "cutter compensation or SUPA while MCALL is on");
+    drill(*modal_cycle_);
+  }
   if (w.stop == 0 || w.stop == 1) {
     path_.flush();
     core_.say(ProgramStep::kPause, w.stop);

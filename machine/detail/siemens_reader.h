@@ -5,7 +5,7 @@
 #include <optional>
 #include <unordered_map>
 
-#include "machine/detail/cutter_compensation.h"
+#include "machine/detail/contour_corner.h"
 #include "machine/detail/expressions.h"
 
 namespace lightmill::detail {
@@ -26,6 +26,7 @@ class SiemensReader : private ExpressionReader {
     std::array<AxisWord, 5> axes{};
     std::array<AxisWord, 3> centre{};  ///< I, J, K
     std::optional<double> radius, turns, f, s;
+    std::optional<double> rounding, chamfer, side;     ///< RND, CHF, CHR: of the corner at the block's end
     std::array<std::optional<double>, 3> direction{};  ///< A3, B3, C3
     int motion = -1, d = -1, tool = -1, tcp = -1, offset = -1, spindle = -1, coolant = -1, stop = -1, compensation = -1;
     bool suppress = false, dwell = false, change = false;
@@ -56,20 +57,38 @@ class SiemensReader : private ExpressionReader {
   void change_tool(const Words& w);
 
   // --- Variables, jumps, loops, subprograms: siemens_flow.cpp ---
+  struct Variable {
+    double value = 0;
+    bool whole = false;  ///< INT
+  };
   struct Call {
     std::size_t back, start;
-    long left;  ///< repeats to come
+    long left;                                                            ///< repeats to come
+    std::vector<std::pair<std::string, std::optional<Variable>>> hidden;  ///< the caller's of the parameters' names
   };
   void look_through();
   bool statement();
-  double* variable(int depth = 0);
+  Variable* variable(int depth = 0);
+  void assign(Variable& variable);
   bool assignment();
+  [[nodiscard]] std::string new_name();
+  [[nodiscard]] bool type_is_whole();
+  std::vector<std::optional<double>> arguments();
+  void take_arguments(std::size_t line, Call& call, int where);
   void define_variables();
   void branch(const std::string& word);
   void jump(bool holds);
   void call(std::size_t line, int where);
   void leave_program(int code);
   std::size_t partner_of(int where) const;
+
+  // --- Drilling: siemens_cycles.cpp ---
+  struct Cycle {
+    int number = 0;  ///< 81, 82, 83
+    std::vector<std::optional<double>> values;
+  };
+  bool cycle_call();
+  void drill(const Cycle& cycle);
 
   // --- Frames, swivelling, moves: siemens_motion.cpp ---
   bool read_frame();
@@ -79,6 +98,12 @@ class SiemensReader : private ExpressionReader {
   [[nodiscard]] Feed feed(bool said_here = true) const { return feed_.at(rpm_, spindle_ != 5, said_here); }
   void move(const Words& w, bool feed_here);
   void arc(const Words& w, const AxisValues& to);
+  /// Where the program means to stand.
+  [[nodiscard]] AxisValues place() const { return held_ ? held_->move.to : path_.place(); }
+  void follow(const Words& w, ContourMove next, const Feed& feed);
+  void refuse_inside_contour() const {
+    if (held_) reject(1, "behind RND, CHF and CHR another path must follow");
+  }
   void set_direction(const Words& w, AxisValues& to, std::optional<Vec3>& great_circle_to);
 
   ReaderCore& core_;
@@ -88,8 +113,8 @@ class SiemensReader : private ExpressionReader {
   std::string text_;
   bool began_ = false, ended_ = false;
   // Flow.
-  std::unordered_map<int, double> r_;
-  std::map<std::string, double, std::less<>> variables_;
+  std::unordered_map<int, Variable> r_;
+  std::map<std::string, Variable, std::less<>> variables_;
   bool looked_through_ = false;
   std::vector<std::size_t> partners_;  ///< of each line: where its IF, ELSE or loop goes on
   std::map<std::string, std::vector<std::size_t>, std::less<>> labels_;
@@ -104,6 +129,15 @@ class SiemensReader : private ExpressionReader {
   double unit_ = 1, rpm_ = 0;
   ModalFeed feed_;
   int motion_ = 1, tool_ = 0, selected_ = 0, spindle_ = 5, plane_ = 0;
+  struct HeldPath {
+    AxisValues from{};
+    ContourMove move;
+    Corner corner;
+    double chamfer_length_mm = 0;  ///< CHF's, from side to side
+    long line = 0;
+  };
+  std::optional<HeldPath> held_;      ///< a corner stands behind it
+  std::optional<Cycle> modal_cycle_;  ///< MCALL
   WorkFrame programmed_, swivelled_;
   bool swivels_ = false;
 };

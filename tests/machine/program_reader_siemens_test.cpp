@@ -104,7 +104,78 @@ TEST(SiemensReader, CallsItsSubprograms) {
   expect_siemens_refused("LAB:\nGOTOB LAB\nM30\n", "does not end", 2);
   expect_siemens_refused("ENDIF\nX=NOTHING\nM30\n", "bad number", 2);
   expect_siemens_refused("G0 X=$P_TOOL\nM30\n", "system variable", 1);
-  expect_siemens_refused("DEF INT A\nM30\n", "DEF REAL", 1);
+  expect_siemens_refused("DEF STRING[8] AA\nM30\n", "REAL, INT and BOOL", 1);
+}
+
+void expect_points(const Reading& r, const std::vector<Vec3>& points) {
+  ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k)
+      EXPECT_NEAR(r.moves[i].programmed[k], points[i][static_cast<int>(k)], 1e-9) << i;
+  }
+}
+TEST(SiemensReader, SubprogramsTakeValues) {
+  expect_points(
+      siemens(
+          "DEF INT NN=2.6\nDEF REAL RAD=7\nG0 X0 Y0 Z0\nSTEP(4)\nSTEP(,9) P2\nX=NN Y=RAD\nM30\nPROC STEP(REAL RAD, INT "
+          "COUNT=1.4)\nX=RAD Y=COUNT\nRAD=99\nRET\n"),
+      {{0, 0, 0}, {4, 1, 0}, {0, 9, 0}, {99, 9, 0}, {3, 7, 0}});
+  expect_siemens_refused("STEP(1,2)\nM30\nPROC STEP(REAL AA)\nRET\n", "more values", 1);
+  expect_siemens_refused("STEP(1\nM30\nPROC STEP(REAL AA)\nRET\n", "')' is missing", 1);
+  expect_siemens_refused("STEP(1)\nM30\nPROC STEP(REAL AA\nRET\n", "does not end", 1);
+}
+
+TEST(SiemensReader, DrillsOnceAndBehindEveryMove) {
+  const Reading holes = siemens(
+      "T1 D1 M6\nS900 M3\nG0 X0 Y0 Z50\nF300\nCYCLE82(10,1,2,-5,,0.5)\nMCALL "
+      "CYCLE81(20,0,2,,6)\nX9\nY9\nZ30\nMCALL\nX0\nM30\n");
+  expect_points(holes, {{0, 0, 50},
+                        {0, 0, 3},
+                        {0, 0, -5},
+                        {0, 0, 10},
+                        {9, 0, 10},
+                        {9, 0, 2},
+                        {9, 0, -6},
+                        {9, 0, 20},
+                        {9, 9, 20},
+                        {9, 9, 2},
+                        {9, 9, -6},
+                        {9, 9, 20},
+                        {9, 9, 30},
+                        {0, 9, 30}});
+  EXPECT_NEAR(holes.moves[2].seconds, 1.6, 1e-12);
+  // Out of the hole after 5, 9, 12, 14, 15, then 0.75 twice; 0.6 mm before the ground the feed begins.
+  expect_points(siemens("G0 X0 Y0 Z10\nF300\nCYCLE83(10,0,1,-16.5,,-5,,1,0,0,0.5,1)\nM30\n"),
+                {{0, 0, 10}, {0, 0, 1},     {0, 0, -5},    {0, 0, 1}, {0, 0, -4.4},  {0, 0, -9},
+                 {0, 0, 1},  {0, 0, -8.4},  {0, 0, -12},   {0, 0, 1}, {0, 0, -11.4}, {0, 0, -14},
+                 {0, 0, 1},  {0, 0, -13.4}, {0, 0, -15},   {0, 0, 1}, {0, 0, -14.4}, {0, 0, -15.75},
+                 {0, 0, 1},  {0, 0, -15.15}, {0, 0, -16.5}, {0, 0, 10}});
+  // Chips are broken by 1 mm.
+  const Reading chips = siemens("G0 X0 Y0 Z10\nF300\nCYCLE83(10,0,1,-8,,,4,0,0.25,0,0.5,0)\nM30\n");
+  expect_points(chips, {{0, 0, 10}, {0, 0, 1}, {0, 0, -4}, {0, 0, -3}, {0, 0, -8}, {0, 0, 10}});
+  EXPECT_NEAR(chips.moves[2].seconds, 2, 1e-12) << "half the feed";
+  expect_siemens_refused("F9\nCYCLE81(10,0)\nM30\n", "needs RTP", 2);
+  expect_siemens_refused("F9\nCYCLE81(10,0,2,5)\nM30\n", "above the depth", 2);
+  expect_siemens_refused("CYCLE81(10,0,2,-5)\nM30\n", "feed not given", 1);
+  expect_siemens_refused("F9\nCYCLE81(10,0,2,-5,,0,0,12)\nM30\n", "too many", 2);
+  expect_siemens_refused("MCALL POCKET4(1)\nM30\n", "MCALL", 1);
+}
+
+TEST(SiemensReader, RoundsAndChamfersCorners) {
+  const double half = std::sqrt(2.);
+  expect_points(
+      siemens("G1 X0 Y0 Z0 F600\nX10 RND=2\nY10 CHR=3\nX0 CHF=2\nY0\nM30\n"),
+      {{0, 0, 0}, {8, 0, 0}, {10, 2, 0}, {10, 7, 0}, {7, 10, 0}, {half, 10, 0}, {0, 10 - half, 0}, {0, 0, 0}});
+  // In the plane Z X, where an arc comes in.
+  const double root = std::sqrt(35.);
+  expect_points(siemens("G18 G1 X0 Y0 Z0 F600\nZ10 RND=1\nG2 Z15 X5 CR=5\nG1 Z30\nM30\n"),
+                {{0, 0, 0}, {0, 0, 15 - root}, {5. / 6, 0, 15 - 5 * root / 6}, {5, 0, 15}, {5, 0, 30}});
+  expect_siemens_refused("G1 X0 Y0 F600\nX10 RND=11\nY10\nM30\n", "larger than the paths", 3);
+  expect_siemens_refused("G1 X0 Y0 F600\nX10 RND=1\nM30\n", "another path", 3);
+  expect_siemens_refused("G1 X0 Y0 F600\nX10 RND=1\nG0 Y5\nM30\n", "feed per minute", 3);
+  expect_siemens_refused("G1 X0 Y0 F600\nX10 RND=1 CHR=1\nM30\n", "one of RND", 2);
+  expect_siemens_refused("G1 X0 Y0 F600\nX10 RND=1\nTRANS X3\nM30\n", "another path", 3);
 }
 
 TEST(SiemensReader, ArcsInEveryPlane) {
