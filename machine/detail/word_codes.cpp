@@ -23,12 +23,15 @@ int WordReader::g_group(int tenths) const {
     case 10:
     case 20:
     case 30:
+    case 730:
+    case 740:
     case 800:
     case 810:
     case 820:
     case 830:
-      return 1;
+    case 840:
     case 850:
+    case 860:
     case 890:
       return 1;
     case 50:
@@ -38,10 +41,6 @@ int WordReader::g_group(int tenths) const {
     case 383:
     case 384:
     case 385:
-    case 730:
-    case 740:
-    case 840:
-    case 860:
     case 870:
     case 880:
       return fanuc_ ? -1 : 1;
@@ -180,7 +179,7 @@ int WordReader::m_group(int tenths) const {
       return fanuc_ ? -1 : 10;  // the trunnion configurations' remaps
     case 98:
     case 99:
-      return fanuc_ ? 4 : -1;
+      return 4;
     default:
       return -1;
   }

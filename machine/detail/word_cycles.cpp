@@ -7,7 +7,7 @@ namespace lightmill::detail {
 
 namespace {
 constexpr int kMostPecks = 10000;
-// How far above the last depth a drill comes back.
+// How far above the last depth a drill comes back: LinuxCNC's; on Fanuc a parameter (5114, 5115) says so.
 constexpr double kPeckGap_mm = 0.254;
 }  // namespace
 
@@ -56,8 +56,10 @@ void WordReader::drill() {
   const double r = *cycle_.r + (incremental_ ? cycle_.level : 0), bottom = *cycle_.depth + (incremental_ ? r : 0);
   if (r < bottom) reject(1, "R lies below the hole's end");
   if (cycle_.peck && (r - bottom) / *cycle_.peck > kMostPecks) reject(1, "too many pecks");
-  const double count = has('L') ? use('L') : 1;
-  if (!(count >= 1 && count <= 10000) || count != std::floor(count)) reject(column_of('L'), "L counts holes");
+  const char counter = fanuc_ && has('K') ? 'K' : 'L';
+  const double count = has(counter) ? use(counter) : 1;
+  if (!(count >= (fanuc_ ? 0 : 1) && count <= 10000) || count != std::floor(count))
+    reject(column_of(counter), std::string(1, counter) + " counts holes");
   const double clear = to_r_level_ ? r : std::max(cycle_.level, r);
   AxisValues step{};
   AxisValues at = from;
@@ -117,7 +119,8 @@ void WordReader::make_hole(AxisValues& at, double r, double bottom, double clear
       turn(5);
       turn(7 - spindle_);
       dwell();
-      go(clear, false);
+      if (fanuc_) go(r, false);
+      go(clear, fanuc_);
       turn(5);
       return turn(spindle_);
     case 850:

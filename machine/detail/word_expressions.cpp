@@ -176,6 +176,15 @@ double WordReader::numbered(int n) {
     return path_.place()[static_cast<std::size_t>(n - 5420)] / unit_;
   }
   if (n == 5400) return tool_;
+  if (n == 5220) return static_cast<double>(offset_) + 1;
+  if (n > 5220 && n < 5400 && (n - 5221) % 20 < 9) {  // G54 to G59.3: X Y Z A B C U V W, in mm and degrees
+    const int nth = (n - 5221) % 20, axis = nth < 3 ? nth : core_.axis_of(static_cast<char>('A' + nth - 3));
+    if (axis < 0 || nth > 5) return 0;
+    const double v = offsets_[static_cast<std::size_t>(n - 5221) / 20][static_cast<std::size_t>(axis)];
+    return axis < 3 ? v : v / kRadPerDegree;
+  }
+  if (n >= 5161 && n < 5220 && numbers_.find(n) == numbers_.end())
+    reject(column(), "parameter #" + std::to_string(n) + " is not known here");  // places of G28, G30, G92
   const auto found = numbers_.find(n);
   return found == numbers_.end() ? 0 : found->second;
 }

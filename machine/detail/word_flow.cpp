@@ -123,6 +123,7 @@ void WordReader::flow() {
   ++p_;  // O
   const int where = column();
   const std::string name = label();
+  if (p_ == end_ && name.find_first_not_of("0123456789") == std::string::npos) return;  // begins what M98 calls
   if (take("SUB")) {
     next_ = find(next_, name, {"ENDSUB"}) + 1;
   } else if (take("ENDSUB") || take("RETURN")) {

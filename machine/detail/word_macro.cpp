@@ -65,7 +65,8 @@ void WordReader::look_through() {
     const auto mark = [&](char kind, double number) { marks_[{kind, number}].push_back(i); };
     if (n >= 0) mark('N', n);
     if (text.starts_with("END")) mark('E', number_behind(3));
-    if (text.starts_with('O')) {
+    // To LinuxCNC an O with a word behind its number is another thing.
+    if (text.starts_with('O') && (fanuc_ || text.find_first_not_of("0123456789", 1) == std::string::npos)) {
       mark('O', number_behind(1));
       programs_.push_back(i);
     }
@@ -213,7 +214,7 @@ bool WordReader::read_argument(char letter, int where) {
 }
 
 double WordReader::repeats(double program) {
-  const double wanted = has('L') ? use('L') : program >= 10000 ? std::floor(program / 10000) : 1;
+  const double wanted = has('L') ? use('L') : fanuc_ && program >= 10000 ? std::floor(program / 10000) : 1;
   if (!(wanted >= 1 && wanted <= 9999) || wanted != std::floor(wanted))
     reject(1, "L counts from 1 to 9999");
   return wanted;
@@ -223,7 +224,7 @@ double WordReader::repeats(double program) {
 void WordReader::call_subprogram() {
   const double p = need('P', "M98"), times = repeats(p);
   if (words_ != 0) reject(1, "M98 takes P and L only");
-  const double program = p >= 10000 ? std::fmod(p, 10000) : p;
+  const double program = fanuc_ && p >= 10000 ? std::fmod(p, 10000) : p;
   call(find_program(program, column_of('P')), times, nullptr, false);
 }
 
@@ -270,9 +271,9 @@ void WordReader::call_modal() {
 
 /// M99, with P at another block of the caller than the next.
 void WordReader::leave_program() {
-  const bool to_block = has('P');
+  const bool to_block = fanuc_ && has('P');
   const double n = to_block ? use('P') : 0;
-  if (words_ != 0) reject(1, "M99 takes P only");
+  if (words_ != 0) reject(1, fanuc_ ? "M99 takes P only" : "M99 takes no words");
   if (frames_.empty() && !to_block) reject(1, "M99 outside of a subprogram begins the program again, without end");
   if (!frames_.empty()) {
     if (to_block) frames_.back().left = 0;

@@ -105,7 +105,7 @@ void WordReader::read_block(std::string_view line) {
   settings_.clear();
   codes_.clear();
   std::uint32_t groups = 0;
-  while (p_ != end_) read_word(groups);
+  while (p_ != end_ && !(fanuc_ && *p_ == '/')) read_word(groups);  // from / on the operator's switch
   perform();
   for (const auto& [key, v] : settings_) {  // after the block, as RS274 wants it
     if (key[0] != '<')
@@ -124,6 +124,8 @@ void WordReader::read_word(std::uint32_t& groups) {
       key = "<" + name_end();
     else
       key = std::to_string(address(value(), where));
+    if (const long n = key[0] == '<' ? 0 : std::stol(key); n >= 5161 && n < 5400)
+      reject(where, "G10, G28.1, G30.1 and G92 set these parameters");
     if (!take("=")) reject(column(), "'=' is missing");
     settings_.emplace_back(key, value());
     return;

@@ -180,5 +180,27 @@ TEST(FanucReader, DirectionsTurnTheTool) {
   expect_fanuc_refused("T1 M6\nG43.4 H1\nG1 X1. I1. F100.\nM30\n", "no use", 3);
 }
 
+TEST(FanucReader, CyclesRepeatAndTap) {
+  const auto ends = [](const std::string& text) {
+    const Reading r = read("O1\nT1 M6\nM3 S900\nG43 H1\nG0 X0. Y0. Z9.\n" + text + "M30\n", ReaderDialect::kFanuc);
+    EXPECT_FALSE(r.result.error) << (r.result.error ? r.result.error->rule : "");
+    std::string all;
+    for (std::size_t i = 1; i < r.moves.size(); ++i) {
+      all += r.moves[i].rapid ? " r" : " f";
+      for (std::size_t k = 0; k < 3; ++k) {
+        if (r.moves[i].programmed[k] != r.moves[i - 1].programmed[k])
+          all += "XYZ"[k] + std::to_string(static_cast<int>(std::lround(r.moves[i].programmed[k])));
+      }
+    }
+    return all;
+  };
+  EXPECT_EQ(ends("G91 G81 X5. Z-6. R-7. F100. K2\nG80\n"), " rX5 rZ2 fZ-4 rZ9 rX10 rZ2 fZ-4 rZ9");
+  EXPECT_EQ(ends("G84 X5. Z-6. R2. F100.\nG80\n"), " rX5 rZ2 fZ-6 fZ2 rZ9");
+  EXPECT_EQ(ends("G99 G86 X5. Z-6. R2. F100.\nG80\n"), " rX5 rZ2 fZ-6 rZ2");
+  EXPECT_EQ(ends("G99 G73 X5. Z-6. R2. Q8. F100.\nG80\n"), " rX5 rZ2 fZ-6 rZ2");
+  EXPECT_EQ(ends("G1 X5. F100. /Y5.\n"), " fX5") << "from the stroke on the operator's switch";
+  expect_refused("O1\nF100.\nG0 Z9.\nG81 X5. Z-6. R2. K1.5\n", "K counts", 4, ReaderDialect::kFanuc);
+}
+
 }  // namespace
 }  // namespace lightmill

@@ -205,11 +205,13 @@ TEST(ProgramReader, ThreeControlsMillTheSameTiltedPocket) {
   const Reading heidenhain = read(
       "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S5000\n2 L X+0 Y+0 Z+10 FMAX\n3 CYCL DEF 7.0\n4 CYCL DEF 7.1 X+2 Y+3 Z+4\n"
       "5 PLANE SPATIAL SPA+30 SPB+0 SPC+0 TURN FMAX SEQ+\n6 L X+0 Y+0 Z+20 FMAX\n7 Q1 = 1\n8 LBL 1\n9 L Z-Q1 F300\n"
-      "10 L X+5 RL F600\n11 Q2 = Q1 * 4\n12 L Y+Q2\n13 CR X-5 Y+Q2 R+5 DR+\n14 L Y+0\n15 L X+0 R0 FMAX\n16 Q1 = Q1 + 1\n"
+      "10 L X+5 RL F600\n11 Q2 = Q1 * 4\n12 L Y+Q2\n13 CR X-5 Y+Q2 R+5 DR+\n14 L Y+0\n15 L X+0 R0 FMAX\n16 Q1 = Q1 + "
+      "1\n"
       "17 CALL LBL 1 REP 2/2\n18 L Z+20 FMAX\n19 M30\n20 END PGM A MM\n",
       ReaderDialect::kHeidenhain);
   const Reading siemens = read(
-      "G17 G90 G94 G54\nT1 M6\nG0 X0 Y0 Z10\nCYCLE800(0,\"TC\",0,57,2,3,4,30,0,0,0,0,0,1)\nG0 X0 Y0 Z20\nFOR R1=1 TO 3\n"
+      "G17 G90 G94 G54\nT1 M6\nG0 X0 Y0 Z10\nCYCLE800(0,\"TC\",0,57,2,3,4,30,0,0,0,0,0,1)\nG0 X0 Y0 Z20\nFOR R1=1 TO "
+      "3\n"
       "G1 Z=-R1 F300\nG41 X5 F600\nY=R1*4\nG3 X-5 Y=R1*4 CR=5\nG1 Y0\nG40 G0 X0\nENDFOR\nG0 Z20\nM30\n",
       ReaderDialect::kSiemens);
   ASSERT_FALSE(fanuc.result.error) << fanuc.result.error->line << ": " << fanuc.result.error->rule;
@@ -334,7 +336,8 @@ TEST(ProgramReader, AnswersAsAControlWithoutSignals) {
     expect_refused(std::string("S100 M3\n") + code + " Z1 K1\nM2\n", "encoder", 2);
 }
 
-// F times the spindle's speed; LinuxCNC's rs274 refuses S0 in the same words' place, and takes F of another mode for none.
+// F times the spindle's speed; LinuxCNC's rs274 refuses S0 in the same words' place, and takes F of another mode for
+// none.
 TEST(ProgramReader, FeedPerRevolutionGoesWithTheSpindle) {
   const struct {
     ReaderDialect dialect;
@@ -345,9 +348,10 @@ TEST(ProgramReader, FeedPerRevolutionGoesWithTheSpindle) {
   for (const auto& c : controls) {
     const std::string head = c.head, dot = c.point, turning = head + "G0 X0 Y0\nS1000 M3\nG95 F0.1\n";
     const auto run = [&](const std::string& text) { return read(text + c.end, c.dialect); };
-    // 10 mm at 0.1 mm a revolution: 100 revolutions, at 1000, 2000 a minute; then an arc of the same length; per minute again.
-    const Reading r = run(turning + "G1 X10" + dot + "\nS2000\nX20" + dot + "\nG2 X20" + dot + " Y0 I0 J" + fixed(5 / kPi, 9) +
-                          "\nG94 F300\nG1 X30" + dot + "\n");
+    // 10 mm at 0.1 mm a revolution: 100 revolutions, at 1000, 2000 a minute; then an arc of the same length; per minute
+    // again.
+    const Reading r = run(turning + "G1 X10" + dot + "\nS2000\nX20" + dot + "\nG2 X20" + dot + " Y0 I0 J" +
+                          fixed(5 / kPi, 9) + "\nG94 F300\nG1 X30" + dot + "\n");
     ASSERT_FALSE(r.result.error) << r.result.error->line << ": " << r.result.error->rule;
     std::vector<double> seconds(5);  // the rapid first
     std::size_t move = 0;
@@ -414,7 +418,8 @@ TEST(ProgramReader, RefusesWhatItCannotObeyWithLineAndRule) {
 // Seeded mutations of a program: an error or motion, never a crash, a hang or a place that is no number.
 TEST(ProgramReader, SurvivesMutatedPrograms) {
   const std::string seed =
-      "%\no1 sub\nG1 X#1 Y[#2*2] F100\no1 endsub\nN10 T1 M6 G43 H1\no1 call [1] [2]\nG2 X3 I1 J0\nM428\nG93 G1 X1 B10 C20 "
+      "%\no1 sub\nG1 X#1 Y[#2*2] F100\no1 endsub\nN10 T1 M6 G43 H1\no1 call [1] [2]\nG2 X3 I1 J0\nM428\nG93 G1 X1 B10 "
+      "C20 "
       "F10\nM429\n"
       "G94 G81 X1 Z-1 R2 F5\no2 while [#5 lt 3]\n#5=[#5+1]\no2 endwhile\no3 if [#5 gt 1]\nX1\no3 else\nX2\no3 "
       "endif\nM2\n%\n";
@@ -433,7 +438,8 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       "M3\nCYCLE832(0.002,_ORI_FINISH,0.02)\nD1\nG1 X=1 "
       "Y2 F500\nG2 X3 I1 J0\nTRAORI\nORIWKS ORIAXES\nG1 B10 C=DC(20)\nTRAFOOF\nG93 X1 F10\nM30\n";
   const std::string contour =
-      "T1 M6 F100\nG0 X-10 Y0\nG41 D1 G1 X0\nX10\nY10\nG3 X0 Y20 R10\nG4 P1\nG2 X-5 Y15 I0 J-5\nG1 Z3\nG40 G0 X20\nG5 X10 "
+      "T1 M6 F100\nG0 X-10 Y0\nG41 D1 G1 X0\nX10\nY10\nG3 X0 Y20 R10\nG4 P1\nG2 X-5 Y15 I0 J-5\nG1 Z3\nG40 G0 X20\nG5 "
+      "X10 "
       "Y5 I3 J4 P-2 "
       "Q1\nG5.2 P2\nX40 Y0 P1 L4\nX45 Y5 P1\nX50 Y6 P2\nG5.3\nG98 G73 X1 Z-1 R1 Q0.7 L2\nG38.3 Z-3\nM66 P0 L3 Q1\nM2\n";
   const std::string macro =
@@ -443,23 +449,30 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       "X5.\nM99\n%\n";
   const std::string reckoning =
       "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S5000\n2 FN 0: Q1 = +0\n3 LBL 1\n4 Q1 = Q1 + 2 * SIN( 30 )\n5 CC X+Q1 "
-      "Y+0\n6 LP PR+5 PA+30 F100\n7 CP IPA+400 IZ-1 DR+\n8 CT X+9 Y+9\n9 FN 12: IF +Q1 LT +3 GOTO LBL 1\n10 L X-9 RL\n11 "
+      "Y+0\n6 LP PR+5 PA+30 F100\n7 CP IPA+400 IZ-1 DR+\n8 CT X+9 Y+9\n9 FN 12: IF +Q1 LT +3 GOTO LBL 1\n10 L X-9 "
+      "RL\n11 "
       "L Y+20\n12 L X+0 R0\n13 PLANE SPATIAL SPA+10 SPB+20 SPC+30 MOVE DIST5 F500\n14 L X+1\n15 PLANE RESET TURN "
       "FMAX\n16 M128\n17 LN X+1 NX+0 NZ+1 TX+1 TZ+2\n18 END PGM A MM\n";
   const std::string frames =
       "G17 G54 F100\nDEF REAL AA=2\nT1 M6\nFOR R1=1 TO 3\nIF R1==2 GOTOF NEXT\nTRANS X=R1\nAROT Z30\nG1 "
-      "X=IC(AA*R1)\nNEXT:\nENDFOR\nWHILE R2<2\nR2=R2+1\nL5 P2\nENDWHILE\nCYCLE800(0,\"T\",0,57,0,0,0,10,20,30,0,0,0,1)\nX1"
-      "\nCYCLE800()\nG41 X9\nG40 Y9\nTRAORI\nORIWKS ORIVECT\nA3=1 C3=2\nTRAFOOF\nG18 G2 X=IC(3) CR=5 TURN=1\nM30\n%_N_L5_SPF\nY"
+      "X=IC(AA*R1)\nNEXT:\nENDFOR\nWHILE R2<2\nR2=R2+1\nL5 "
+      "P2\nENDWHILE\nCYCLE800(0,\"T\",0,57,0,0,0,10,20,30,0,0,0,1)\nX1"
+      "\nCYCLE800()\nG41 X9\nG40 Y9\nTRAORI\nORIWKS ORIVECT\nA3=1 C3=2\nTRAFOOF\nG18 G2 X=IC(3) CR=5 "
+      "TURN=1\nM30\n%_N_L5_SPF\nY"
       "=MINVAL(R2,1)\nRET\n";
   std::mt19937 random(7);
   const std::string letters = "GMXYZBCFIJKLOPQRSTD#[]<>()%/*+-.=:,0123456789 \n\t";
   const struct {
     const std::string& text;
     ReaderDialect dialect;
-  } seeds[] = {{conversational, ReaderDialect::kHeidenhain}, {iso, ReaderDialect::kHeidenhainIso},
-               {siemens, ReaderDialect::kSiemens},           {contour, ReaderDialect::kLinuxCnc},
-               {seed, ReaderDialect::kLinuxCnc},             {macro, ReaderDialect::kFanuc},
-               {reckoning, ReaderDialect::kHeidenhain},      {frames, ReaderDialect::kSiemens}};
+  } seeds[] = {{conversational, ReaderDialect::kHeidenhain},
+               {iso, ReaderDialect::kHeidenhainIso},
+               {siemens, ReaderDialect::kSiemens},
+               {contour, ReaderDialect::kLinuxCnc},
+               {seed, ReaderDialect::kLinuxCnc},
+               {macro, ReaderDialect::kFanuc},
+               {reckoning, ReaderDialect::kHeidenhain},
+               {frames, ReaderDialect::kSiemens}};
   for (const auto& [text, dialect] : seeds) {
     const Reading whole = read(text, dialect);
     EXPECT_FALSE(whole.result.error) << text << whole.result.error->line << ": " << whole.result.error->rule;
@@ -490,6 +503,23 @@ TEST(ProgramReader, SurvivesMutatedPrograms) {
       }
     }
   }
+}
+
+// As rs274 does it: a subprogram without arguments sees and sets its caller's parameters.
+TEST(ProgramReader, CallsFanucSubprogramsInLinuxCnc) {
+  const Reading r = read(
+      "O1 (main)\n#1=5\nG0 X1\nM98 P100 L2\nX#1\nX#5221 Y[#5222*2] Z[#5220+#5223]\nM30\nO100\nG0 "
+      "Y#1\n#1=[#1+1]\nM99\n");
+  ASSERT_FALSE(r.result.error) << r.result.error->rule;
+  const double ends[][2] = {{1, 0}, {1, 5}, {1, 6}, {7, 6}, {10, -10}};
+  ASSERT_EQ(r.moves.size(), std::size(ends));
+  for (std::size_t i = 1; i < std::size(ends); ++i) {
+    for (std::size_t k = 0; k < 2; ++k) EXPECT_NEAR(r.moves[i].programmed[k], ends[i][k], 1e-12) << i;
+  }
+  EXPECT_NEAR(r.moves.back().programmed[2], -399, 1e-12) << "G54 and its Z";
+  expect_refused("M98 P100\nM30\nO100 sub\nO100 endsub\n", "not in this file", 1);
+  expect_refused("#5221=3\nM2\n", "set these", 1);
+  expect_refused("G0 X#5211\nM2\n", "not known here", 1);
 }
 
 }  // namespace
