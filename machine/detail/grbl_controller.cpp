@@ -256,6 +256,7 @@ class GrblController final : public Controller {
   }
 
   /// There is never a contact: G38.2 ends in an alarm, G38.3 at its target; G38.4 and G38.5 would leave one.
+  /// [grbl 1.1, doc/csv/alarm_codes_en_US.csv, alarms 4 and 5]
   void end_probing() {
     const int probe = std::exchange(probing_, 0);
     mill_.expect_standstill();

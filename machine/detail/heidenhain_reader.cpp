@@ -208,6 +208,9 @@ void HeidenhainReader::tool() {
       rpm_ = number(text.substr(1), tokens_[i].column);
       if (rpm_ < 0 || rpm_ > core_.machine.max_spindle_rpm)
         reject(tokens_[i].column, "spindle speed out of the machine's range");
+    } else if (text[0] == 'F' && text != "FMAX") {
+      feed_ = number(text.substr(1), tokens_[i].column) * unit_;
+      if (!(feed_ > 0)) reject(tokens_[i].column, "the feed must be above 0");
     } else if (text.starts_with("DL") || (text.starts_with("DR") && !text.starts_with("DR2"))) {
       (text[1] == 'L' ? length : radius_delta_mm_) += number(text.substr(2), tokens_[i].column) * unit_;
     } else {
@@ -257,7 +260,8 @@ void HeidenhainReader::modes(std::size_t i) {
       side_ = text == "RL" ? 1 : text == "RR" ? -1 : 0;
       continue;
     }
-    if (text == "FMAX") {
+    if (text == "FMAX" || (text == "F" && is(i + 1, "MAX"))) {  // with a blank on older controls
+      if (text == "F") ++i;
       fmax_ = true;
       continue;
     }
@@ -276,6 +280,9 @@ void HeidenhainReader::modes(std::size_t i) {
     const double code = number(text.substr(1), token.column);
     if (code != std::floor(code) || code < 0 || code > 999) reject(token.column, "M codes are whole");
     switch (static_cast<int>(code)) {
+      case 140:
+        i = retract(i + 1);
+        break;
       case 3:
       case 4:
       case 13:
@@ -319,6 +326,35 @@ void HeidenhainReader::modes(std::size_t i) {
     }
   }
   if (tcp_off_) set_tcp(false);
+}
+
+/// M140 MB MAX, M140 MB50 F500: back along the tool, to the end of the travel or so far; the next word's index is one
+/// more.
+std::size_t HeidenhainReader::retract(std::size_t i) {
+  if (i >= tokens_.size() || !tokens_[i].text.starts_with("MB")) incomplete();
+  const int column = tokens_[i].column;
+  refuse_beside_compensation("M140");
+  refuse_inside_contour();
+  if (core_.tcp()) reject(column, "M140 under M128");
+  std::string_view way = tokens_[i].text.substr(2);
+  if (way.empty() && ++i >= tokens_.size()) incomplete();
+  if (way.empty()) way = tokens_[i].text;
+  const bool feeds = i + 1 < tokens_.size() && tokens_[i + 1].text[0] == 'F' && !is(i + 1, "FMAX");
+  const double feed = feeds ? number(tokens_[i + 1].text.substr(1), tokens_[i + 1].column) * unit_ : 0;
+  if (feeds && !(feed > 0)) reject(tokens_[i + 1].column, "the feed must be above 0");
+  path_.forget_lead();
+  if (way == "MAX") {
+    if (core_.machine.has_rotary() && core_.machine.outer.on_head && core_.joints()[3] != 0)
+      reject(column, "MB MAX with a leaning head");
+    AxisValues top = core_.joints();
+    top[2] = core_.machine.z.max_mm;
+    core_.move_joints(top, !feeds, feeds ? std::abs(top[2] - core_.joints()[2]) * 60 / feed : 0);
+  } else {
+    AxisValues to = core_.here();
+    to[2] += number(way, column) * unit_;
+    core_.move(to, !feeds, feeds ? core_.seconds_at(to, feed) : 0);
+  }
+  return i + (feeds || is(i + 1, "FMAX") ? 1 : 0);
 }
 
 /// What takes effect at the block's end.

@@ -457,6 +457,7 @@ int Interpreter::execute(std::string_view line) {
   if (block.spindle >= 0) modes.spindle = block.spindle;
   const bool turning = modes.spindle != 5;
   if (turning && (modes.rpm < min_rpm_ || modes.rpm > max_rpm_ || modes.rpm == 0)) return fail(kOutOfRange);
+  // A spindle that turns takes an S without M3 at once [grbl 1.1h, gcode.c, "4. Set spindle speed"].
   if (block.spindle >= 0 || (turning && modes.rpm != modes_.rpm)) {
     steps_.push_back(
         {.kind = GcodeStep::kSpindle, .number = turning ? modes.spindle : 0, .rpm = turning ? modes.rpm : 0.0});

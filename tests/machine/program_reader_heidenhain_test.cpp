@@ -343,7 +343,7 @@ TEST(HeidenhainReader, RoundsAndChamfersCorners) {
   expect_conversation_refused({"L X+5 F600", "L X+10", "RND R6", "L Y+10"}, "larger than the paths", 1);
   expect_conversation_refused({"L X+0 Y+0 Z+0 F600", "L X+10", "CHF 6", "L Y+5"}, "the chamfer is larger", 1);
   expect_conversation_refused({"L X+0 F600", "L X+10", "RND R1", "L X+5"}, "turns back", 1);
-  expect_conversation_refused({"L X+0 F600", "L X+10", "RND R1", "L Y+5 Z-1"}, "in X and Y", 1);
+  expect_conversation_refused({"L X+0 F600", "L X+10", "RND R1", "L Y+5 Z-1"}, "of the plane", 1);
   expect_conversation_refused({"L X+0 F600", "L X+10", "RND R1", "L Y+5 FMAX"}, "without FMAX");
   expect_conversation_refused({"L X+0 F600", "L X+10", "RND R1", "M30"}, "another path");
   expect_conversation_refused({"L X+0 F600", "L X+10", "RND R0", "L Y+5"}, "above 0", 1);
@@ -477,6 +477,20 @@ TEST(HeidenhainReader, DrillsWithPecks) {
   expect_conversation_refused({"CYCL DEF 200 Q200=+2 Q201=+8 Q206=+300 Q202=+3 Q203=+0", "CYCL CALL"}, "below 0");
   expect_conversation_refused({"CYCL DEF 200 Q200=+2 Q201=-8 Q206=+300 Q202=+0.0001 Q203=+0", "CYCL CALL"},
                               "too small");
+}
+
+TEST(HeidenhainReader, RetractsAlongTheTool) {
+  const Reading r =
+      conversation({"TOOL CALL 1 Z S5000 F600", "L X+0 Y+0 Z+0 F MAX", "M140 MB50 F1200", "L X+5", "M140 MB MAX"});
+  ASSERT_FALSE(r.result.error) << r.result.error->rule;
+  ASSERT_EQ(r.moves.size(), 4U);
+  EXPECT_NEAR(r.moves[1].programmed[2], 50, 1e-12);
+  EXPECT_NEAR(r.moves[1].seconds, 2.5, 1e-12);
+  EXPECT_NEAR(r.moves[2].seconds, 0.5, 1e-12) << "the feed of the tool call";
+  EXPECT_EQ(r.moves[3].target[2], test::skew_machine().z.max_mm);
+  EXPECT_TRUE(r.moves[3].rapid);
+  expect_conversation_refused({"M140"}, "not complete");
+  expect_conversation_refused({"M128", "M140 MB50"}, "under M128");
 }
 
 }  // namespace
