@@ -72,7 +72,10 @@ void HeidenhainReader::follow(ContourMove next, const Feed& feed) {
   if (held_) {
     const std::optional<ContourMove> rest = turn_corner(next);
     if (!rest && !corner) return;  // all cut off
-    if (rest) next = *rest;
+    if (rest)
+      next = *rest;
+    else
+      next.arc.reset();  // of no length, before which no corner can stand
   }
   if (corner) {
     held_ = HeldPath{path_.place(), next, {}, 0, core_.line, 0};

@@ -235,7 +235,10 @@ void SiemensReader::follow(const Words& w, ContourMove next, const Feed& feed) {
     if (cut.cut) path_.follow(*cut.cut, u, v);
     core_.line = line;
     if (!cut.next && !corner) return;  // all cut off
-    if (cut.next) next = *cut.next;
+    if (cut.next)
+      next = *cut.next;
+    else
+      next.arc.reset();  // of no length, before which no corner can stand
   }
   if (corner) {
     if (int(w.rounding.has_value()) + int(w.chamfer.has_value()) + int(w.side.has_value()) > 1)

@@ -172,6 +172,8 @@ TEST(SiemensReader, RoundsAndChamfersCorners) {
   expect_points(siemens("G18 G1 X0 Y0 Z0 F600\nZ10 RND=1\nG2 Z15 X5 CR=5\nG1 Z30\nM30\n"),
                 {{0, 0, 0}, {0, 0, 15 - root}, {5. / 6, 0, 15 - 5 * root / 6}, {5, 0, 15}, {5, 0, 30}});
   expect_siemens_refused("G1 X0 Y0 F600\nX10 RND=11\nY10\nM30\n", "larger than the paths", 3);
+  // Nothing is left of the path for a second corner.
+  expect_siemens_refused("G1 X0 Y0 F600\nX10 CHR=5\nY5 RND=1\nX0\nM30\n", "between paths", 4);
   expect_siemens_refused("G1 X0 Y0 F600\nX10 RND=1\nM30\n", "another path", 3);
   expect_siemens_refused("G1 X0 Y0 F600\nX10 RND=1\nG0 Y5\nM30\n", "feed per minute", 3);
   expect_siemens_refused("G1 X0 Y0 F600\nX10 RND=1 CHR=1\nM30\n", "one of RND", 2);
