@@ -215,7 +215,8 @@ BorderHeights border_heights(const SplineSurface& surface, const Outline& outlin
 }
 
 SplineSurface faded_outside(const SplineSurface& surface, const Outline& outline, double drop_mm) {
-  const auto [ground, top] = border_heights(surface, outline);
+  const BorderHeights border = border_heights(surface, outline);
+  const double ground = border.lowest_mm, top = border.highest_mm;
   // What falls outwards from the border comes to rest on a floor, C2: from half of the drop on it bends.
   const double half_drop = std::min(drop_mm, std::max(ground, 0.0) / 2) / 2;
   const auto held = [&](double h) {
