@@ -11,6 +11,30 @@
 
 namespace lightmill {
 
+namespace {
+
+/// As toml++ writes it, which cannot be trusted with numbers in arrays: it takes their logarithm for a count of letters.
+void write_value(std::ostream& out, const toml::node& node) {
+  if (const toml::array* const array = node.as_array()) {
+    out << '[';
+    const char* before = " ";
+    for (const toml::node& each : *array) {
+      out << before;
+      write_value(out, each);
+      before = ", ";
+    }
+    out << (array->empty() ? "]" : " ]");
+  } else if (node.is_table()) {
+    out << "{ ... }";
+  } else {
+    node.visit([&](const auto& value) {
+      if constexpr (toml::is_value<decltype(value)>) out << value;
+    });
+  }
+}
+
+}  // namespace
+
 struct TomlTable::Node {
   std::shared_ptr<toml::table> root;  // keeps `table` alive
   const toml::table* table = nullptr;
@@ -30,7 +54,7 @@ struct TomlTable::Node {
   [[nodiscard]] std::string complain(std::string_view key, std::string_view rule) const {
     const toml::node* node = table ? table->get(key) : nullptr;
     std::ostringstream value;
-    if (node) node->visit([&](const auto& n) { value << n; });
+    if (node) write_value(value, *node);
     return (node ? where(*node) : file + ": ") + prefix + std::string(key) + (node ? " = " + value.str() : "") + ": " +
            std::string(rule);
   }
@@ -55,9 +79,40 @@ std::string span_rule(double least, double most) {
   return "must be a number from " + compact(least, 9) + " to " + compact(most, 9);
 }
 
+/// toml++ 3 runs into undefined behaviour at some letters where only ASCII may stand: outside of strings and comments.
+void refuse_letters_outside_strings(std::string_view text, std::string_view name) {
+  std::size_t line = 1, line_start = 0;
+  std::string quote;  // of the string that is open
+  for (std::size_t i = text.starts_with("\xEF\xBB\xBF") ? 3 : 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (c == '\n') {
+      ++line;
+      line_start = i + 1;
+      if (quote.size() == 1) quote.clear();  // which is an error of its own
+    } else if (!quote.empty()) {
+      if (c == '\\' && quote[0] == '"' && i + 1 < text.size() && text[i + 1] != '\n') {
+        ++i;
+      } else if (text.substr(i).starts_with(quote)) {
+        i += quote.size() - 1;
+        quote.clear();
+      }
+    } else if (c == '"' || c == '\'') {
+      const std::string three(3, c);
+      quote = text.substr(i).starts_with(three) ? three : std::string(1, c);
+      i += quote.size() - 1;
+    } else if (c == '#') {
+      i = std::min(text.find('\n', i), text.size()) - 1;
+    } else if (static_cast<unsigned char>(c) >= 0x80) {
+      throw InputError(std::string(name) + ":" + std::to_string(line) + ":" + std::to_string(i - line_start + 1) +
+                       ": not valid TOML: letters other than ASCII stand in strings and comments only");
+    }
+  }
+}
+
 }  // namespace
 
 TomlTable TomlTable::from_text(std::string_view text, std::string_view name) {
+  refuse_letters_outside_strings(text, name);
   auto node = std::make_shared<Node>();
   node->file = name;
   try {
