@@ -41,6 +41,30 @@ double tab_way_mm(const ProfileOptions& options, const Cutter& mill) {
   return options.tab_width_mm + mill.diameter_mm + 2 * (options.tab_height_mm - options.skin_mm) / kRampSlope;
 }
 
+constexpr double kLeastTabWidthMm = 2, kLeastTabHeightMm = 0.5;
+
+ProfileOptions with_least_tabs(ProfileOptions options) {
+  options.tab_width_mm = std::min(options.tab_width_mm, kLeastTabWidthMm);
+  options.tab_height_mm = std::min(options.tab_height_mm, std::max(kLeastTabHeightMm, 2 * options.skin_mm));
+  return options;
+}
+
+/// "profile.tabs = 1 fits, or 2 with profile.tab_width_mm = 2 and profile.tab_height_mm = 0.5".
+std::string tabs_that_fit(const ProfileOptions& options, const Cutter& mill, double way_mm) {
+  const auto most = [&](const ProfileOptions& o) { return static_cast<int>(way_mm / tab_way_mm(o, mill)); };
+  const ProfileOptions least = with_least_tabs(options);
+  const int count = most(options), small = most(least);
+  std::string text;
+  if (count > 0) text = "profile.tabs = " + std::to_string(count) + " fits";
+  if (small > count) {
+    text += (count > 0 ? ", or " : "profile.tabs = ") + std::to_string(small) + " with profile.tab_width_mm = " + compact(least.tab_width_mm, 3) +
+            " and profile.tab_height_mm = " + compact(least.tab_height_mm, 3) + (count > 0 ? "" : " fits");
+  }
+  if (std::max(count, small) == 0) return "none fit: hold the part from above or below and set profile.tabs = 0, or use a thinner roughing mill";
+  if (std::max(count, small) < 3) text += "; so few may let the part tip, so hold it from below (tape) as well, or use a thinner roughing mill";
+  return text;
+}
+
 class Cutout {
  public:
   Cutout(const SplineSurface& surface, const Blank& blank, const Cutter& mill, const ProfileOptions& options)
@@ -118,7 +142,7 @@ class Cutout {
     }
     if (tabs && options_.tabs * tab_way_mm(options_, mill_) > loop.length()) {
       refuse(std::to_string(options_.tabs) + " tabs of " + compact(options_.tab_width_mm, 2) + " mm and their ramps do not fit on " +
-             compact(loop.length(), 1) + " mm; use fewer (profile.tabs) or lower ones (profile.tab_height_mm), or a thinner roughing mill");
+             compact(loop.length(), 1) + " mm; " + tabs_that_fit(options_, mill_, loop.length()));
     }
     const Vec2 start = loop.places.front();
     if (moves_.empty()) {
@@ -173,16 +197,13 @@ class Cutout {
 
 ProfileOptions with_fitting_tabs(ProfileOptions options, const Outline& optical, const Cutter& mill) {
   constexpr int kLeastTabs = 3;  // two would let the part tip
-  constexpr double kLeastWidthMm = 2, kLeastHeightMm = 0.5;
   const double way = Loop(way_around(with_land(optical, options.land_mm), mill.radius_mm())).length();
   const auto fits = [&](const ProfileOptions& o) { return o.tabs * tab_way_mm(o, mill) <= way; };
   if (fits(options)) return options;
   ProfileOptions fewer = options;
   while (fewer.tabs > kLeastTabs && !fits(fewer)) --fewer.tabs;
   if (fits(fewer)) return fewer;
-  ProfileOptions least = fewer;
-  least.tab_width_mm = std::min(options.tab_width_mm, kLeastWidthMm);
-  least.tab_height_mm = std::min(options.tab_height_mm, std::max(kLeastHeightMm, 2 * options.skin_mm));
+  const ProfileOptions least = with_least_tabs(fewer);
   if (!fits(least)) return options;
   // As wide and high as fits between the two: the way grows evenly.
   const double share = (way / fewer.tabs - tab_way_mm(least, mill)) / (tab_way_mm(fewer, mill) - tab_way_mm(least, mill));

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <regex>
 
 #include "cam/outline_region.h"
 #include "design/core/errors.h"
@@ -101,6 +102,34 @@ TEST(Tabs, BecomeFewerThenSmallerWhereThePartIsSmall) {
   for (const double diameter : {40.0, 28.0}) {
     const SplineSurface s = test::spline_of(Box2::centred({diameter, diameter}), 20, 20, [](double, double) { return 4.0; });
     EXPECT_NO_THROW(plan_profile(s, {Vec2::Constant(diameter + 24), 4.5}, {Outline::Shape::kDisk, {diameter, diameter}, {}}, mill(), fitted(diameter)));
+  }
+}
+
+// What the refusal names is planned, and one tab more is not.
+TEST(Tabs, ARefusalNamesWhatFits) {
+  for (const double diameter : {2.0, 4.0, 8.0, 15.0}) {
+    const SplineSurface s = test::spline_of(Box2::centred({diameter, diameter}), 20, 20, [](double, double) { return 3.0; });
+    const Blank blank{Vec2::Constant(diameter + 24), 3.5};
+    const Outline disk{Outline::Shape::kDisk, {diameter, diameter}, {}};
+    std::string message = "no error";
+    try {
+      plan_profile(s, blank, disk, mill(), {});
+    } catch (const InputError& e) {
+      message = e.what();
+    }
+    std::smatch whole, least;
+    const bool named = std::regex_search(message, whole, std::regex("profile.tabs = (\\d+) fits"));
+    const bool named_least = std::regex_search(message, least, std::regex("(\\d+) with profile.tab_width_mm = 2 and profile.tab_height_mm = 0.5"));
+    ASSERT_TRUE(named || named_least) << message;
+    for (const bool small : {false, true}) {
+      if (small ? !named_least : !named) continue;
+      ProfileOptions options;
+      options.tabs = std::stoi((small ? least : whole)[1]);
+      if (small) options.tab_width_mm = 2, options.tab_height_mm = 0.5;
+      EXPECT_NO_THROW(plan_profile(s, blank, disk, mill(), options)) << diameter << ": " << message;
+      ++options.tabs;
+      EXPECT_THROW(plan_profile(s, blank, disk, mill(), options), InputError) << diameter << ": " << message;
+    }
   }
 }
 
