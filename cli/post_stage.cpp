@@ -43,6 +43,17 @@ Posting plan_posting(const Job& job, const RunFolder& folder, const Monitor& mon
   return posting;
 }
 
+/// What the programs have for a pass, in one of them or in parts.
+ProgramFigures figures_of(const std::vector<Program>& programs, const std::string& pass) {
+  ProgramFigures figures;
+  for (const Program& program : programs) {
+    for (std::size_t k = 0; k < program.passes.size(); ++k) {
+      if (program.passes[k] == pass) figures += program.by_pass[k];
+    }
+  }
+  return figures;
+}
+
 }  // namespace
 
 std::vector<Program> posted_programs(const Job& job, const RunFolder& folder) {
@@ -63,42 +74,27 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
                           : std::vector<Program>();
   monitor.report("programs", 1);
   for (const AxisMotion& motion : motions) {
-    const auto makes_it = [&](const Program& program) {
-      return std::find(program.passes.begin(), program.passes.end(), motion.pass) != program.passes.end();
-    };
-    std::size_t blocks = 0, bytes = 0, straight_bytes = 0, arcs = 0;
-    double max_arc_error_mm = 0, rounding_s = 0, worst_rounding = 1;
-    std::vector<double> feed_seconds;
+    const ProgramFigures figures = figures_of(programs, motion.pass);
     json files = json::array();
-    for (const Program& program : without_arcs) {
-      if (makes_it(program)) straight_bytes += program.text.size();
-    }
     for (const Program& program : programs) {
-      if (!makes_it(program)) continue;
-      blocks += program.blocks;
-      bytes += program.text.size();
-      arcs += program.arcs;
-      max_arc_error_mm = std::max(max_arc_error_mm, program.max_arc_error_mm);
-      rounding_s += program.rounding_s;
-      worst_rounding = std::max(worst_rounding, program.worst_rounding);
-      feed_seconds.insert(feed_seconds.end(), program.feed_seconds.begin(), program.feed_seconds.end());
+      if (std::find(program.passes.begin(), program.passes.end(), motion.pass) == program.passes.end()) continue;
       files.push_back({{"file", "program/" + program.file_name}, {"sha256", sha256_of_text(program.text)}});
     }
     std::string names;
     for (const json& file : files) names += (names.empty() ? "" : ", ") + file["file"].get<std::string>();
     // Only grblHAL is fed over the link while it mills; the others run files.
-    const DataRate rate = data_rate(machine, feed_seconds, bytes, blocks, machine.controller == "grblhal" ? job.stream.baud : 0);
-    report[motion.pass] = {{"blocks", blocks},
-                           {"bytes", bytes},
-                           {"max_tip_error_um", std::max(motion.max_tip_error_um, 1e3 * max_arc_error_mm)},
+    const DataRate rate = data_rate(machine, figures.feed_seconds, figures.bytes, figures.blocks, machine.controller == "grblhal" ? job.stream.baud : 0);
+    report[motion.pass] = {{"blocks", figures.blocks},
+                           {"bytes", figures.bytes},
+                           {"max_tip_error_um", std::max(motion.max_tip_error_um, 1e3 * figures.max_arc_error_mm)},
                            {"max_axis_speed_ratio", motion.max_axis_speed_ratio},
                            {"rewinds", motion.rewinds},
                            {"slowed_moves", motion.slowed_moves},
                            {"worst_slowing", motion.worst_slowing},
                            {"worst_slowing_at_mm",
                             {motion.worst_slowing_at_mm.x(), motion.worst_slowing_at_mm.y(), motion.worst_slowing_at_mm.z()}},
-                           {"rounding_s", rounding_s},
-                           {"worst_rounding", worst_rounding},
+                           {"rounding_s", figures.rounding_s},
+                           {"worst_rounding", figures.worst_rounding},
                            {"dialect", machine.controller},
                            {"tcp", uses_tcp(machine, motion, options)},
                            {"file", names},
@@ -112,10 +108,11 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
                              {"starved_share", rate.starved_share},
                              {"remedy", rate.remedy}}}};
     if (job.controller.arcs) {
-      report[motion.pass]["arcs"] = {{"count", arcs},
-                                     {"max_error_um", 1e3 * max_arc_error_mm},
+      const std::size_t straight_bytes = figures_of(without_arcs, motion.pass).bytes;
+      report[motion.pass]["arcs"] = {{"count", figures.arcs},
+                                     {"max_error_um", 1e3 * figures.max_arc_error_mm},
                                      {"bytes_without", straight_bytes},
-                                     {"bytes_saved", static_cast<long long>(straight_bytes) - static_cast<long long>(bytes)}};
+                                     {"bytes_saved", static_cast<long long>(straight_bytes) - static_cast<long long>(figures.bytes)}};
     }
   }
   for (const Program& program : programs) {

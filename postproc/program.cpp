@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "design/core/errors.h"
 #include "design/core/text.h"
@@ -136,6 +137,7 @@ class ProgramWriter {
   Program write() {
     header();
     for (const AxisMotion& pass : passes_) {
+      if (&pass != &passes_.front()) count_pass();
       begin_pass(pass);
       for (std::size_t i = 0; i < pass.moves.size();) {
         if (options_.arc_tolerance_mm > 0) {
@@ -162,6 +164,7 @@ class ProgramWriter {
     all(dialect_.closing(sheet_));
     text_ += dialect_.last_lines(sheet_);
     if (dialect_.percent) text_ += "%\n";
+    count_pass();
     program_.file_name = control_name(dialect_, stem_) + std::string(dialect_.extension);
     program_.text = std::move(text_);
     for (const AxisMotion& pass : passes_) program_.passes.push_back(pass.pass);
@@ -186,6 +189,13 @@ class ProgramWriter {
     const auto units = [this](double value) { return std::llround(value * unit_); };
     return {units(at.x()), units(at.y()), units(at.z()), units(joints.outer_rad * kDegPerRad),
             units(joints.inner_rad * kDegPerRad)};
+  }
+
+  // All text since the pass before belongs to this one.
+  void count_pass() {
+    figures_.bytes = text_.size() - program_.bytes;
+    program_ += figures_;
+    program_.by_pass.push_back(std::exchange(figures_, {}));
   }
 
   // Text --------------------------------------------------------------------------------------------------------------
@@ -214,7 +224,7 @@ class ProgramWriter {
   void end_block() {
     if (dialect_.language == Language::kHeidenhainIso) text_ += " *";
     text_ += dialect_.line_end;
-    ++program_.blocks;
+    ++figures_.blocks;
   }
 
   void block(const std::string& words) {
@@ -586,13 +596,13 @@ class ProgramWriter {
   }
 
   void end_feed_block(double way, double seconds) {
-    program_.feed_seconds.push_back(seconds);
+    figures_.feed_seconds.push_back(seconds);
     if (timed_ && dialect_.language == Language::kConversational) {
       const double written_s = whole_milliseconds(seconds);
       if (!(written_s <= kMostTime_s))
         throw InputError(pass_->pass + ": a move takes longer than 999.999 s, the control's longest FT");
-      program_.rounding_s += written_s - seconds;
-      program_.worst_rounding = std::max(program_.worst_rounding, written_s / seconds);
+      figures_.rounding_s += written_s - seconds;
+      figures_.worst_rounding = std::max(figures_.worst_rounding, written_s / seconds);
       text_ += " FT" + compact(written_s, 3);
     } else {
       std::string word = feed_text(timed_ ? 60 / seconds : 60 * way / seconds);
@@ -668,8 +678,8 @@ class ProgramWriter {
       number(std::llround(run.arc.centre_mm[w] * unit_) - from[w]);
     }
     end_feed_block(way, seconds);
-    ++program_.arcs;
-    program_.max_arc_error_mm = std::max(program_.max_arc_error_mm, run.error_mm);
+    ++figures_.arcs;
+    figures_.max_arc_error_mm = std::max(figures_.max_arc_error_mm, run.error_mm);
     from_ = joints;
   }
 
@@ -705,6 +715,7 @@ class ProgramWriter {
   const AxisMotion* pass_ = nullptr;
   std::string text_;
   Program program_;
+  ProgramFigures figures_;         // of the pass so far
   unsigned long long number_ = 0;  // of the next (conversational) or last block
   bool fresh_ = true;              // no word in this block yet
   bool timed_ = false;             // every block of the cut carries its time
@@ -783,6 +794,17 @@ Program write_program(const MachineModel& machine, const WorkSetup& setup, std::
   const std::vector<std::string> faults = check_program_text(machine, setup, passes, program.text, options);
   if (!faults.empty()) {
     throw NumericalError(program.file_name + " breaks a safety rule (" + std::to_string(faults.size()) +
+ProgramFigures& ProgramFigures::operator+=(const ProgramFigures& other) {
+  blocks += other.blocks;
+  bytes += other.bytes;
+  feed_seconds.insert(feed_seconds.end(), other.feed_seconds.begin(), other.feed_seconds.end());
+  arcs += other.arcs;
+  rounding_s += other.rounding_s;
+  worst_rounding = std::max(worst_rounding, other.worst_rounding);
+  max_arc_error_mm = std::max(max_arc_error_mm, other.max_arc_error_mm);
+  return *this;
+}
+
                          " in all): " + faults.front());
   }
   return program;

@@ -22,16 +22,24 @@ struct ProgramOptions {
   int part = 0, parts = 0;      ///< of a pass in several programs, from 1; 0: whole
 };
 
-struct Program {
-  std::string file_name;            ///< "30_finish.nc", "30_FINISH.H", "LM_30_FINISH.MPF"
-  std::string text;                 ///< ASCII
+/// Of a program, or of what it has for one pass.
+struct ProgramFigures {
   std::size_t blocks = 0;           ///< blocks for the control, without comments
-  std::vector<std::string> passes;  ///< that it makes, or a part of
+  std::size_t bytes = 0;
   std::vector<double> feed_seconds; ///< planned, of each feed block
   std::size_t arcs = 0;             ///< blocks of G2 and G3
   double rounding_s = 0;            ///< that whole milliseconds (FT) add to the planned times,
   double worst_rounding = 1;        ///< and the greatest factor for one block
   double max_arc_error_mm = 0;      ///< between arcs and the straight moves that they replace
+
+  ProgramFigures& operator+=(const ProgramFigures& other);
+};
+
+struct Program : ProgramFigures {
+  std::string file_name;                ///< "30_finish.nc", "30_FINISH.H", "LM_30_FINISH.MPF"
+  std::string text;                     ///< ASCII
+  std::vector<std::string> passes;      ///< that it makes, or a part of
+  std::vector<ProgramFigures> by_pass;  ///< as `passes`; its head counts for the first, its end for the last
 };
 
 /// The name of a pass' program: "10_rough", "20_semi_finish", "30_finish", "40_<pass>", as the dialect wants it.

@@ -88,6 +88,23 @@ TEST(WriteParts, NoRetractInTimeIsRefusedWithThePlace) {
   }
 }
 
+// One program for both has the same feed moves in either pass as a program each; head and end are shared.
+TEST(WriteParts, FiguresAreOfEachPass) {
+  for (const char* controller : {"fanuc", "siemens", "heidenhain", "heidenhain_iso"}) {
+    const Job job = job_for(controller, true);
+    const Program one = write_programs(job.machine, job.setup, job.passes, true, job.options).at(0);
+    const auto each = write_programs(job.machine, job.setup, job.passes, false, job.options);
+    ASSERT_EQ(one.by_pass.size(), 2u);
+    for (std::size_t k = 0; k < 2; ++k) {
+      EXPECT_EQ(one.by_pass[k].feed_seconds, each[k].feed_seconds) << controller;
+      EXPECT_LT(one.by_pass[k].blocks, each[k].blocks) << controller;
+      EXPECT_NEAR(static_cast<double>(one.by_pass[k].bytes), static_cast<double>(each[k].bytes), 0.3 * static_cast<double>(each[k].bytes)) << controller;
+    }
+    EXPECT_EQ(one.by_pass[0].blocks + one.by_pass[1].blocks, one.blocks);
+    EXPECT_EQ(one.by_pass[0].bytes + one.by_pass[1].bytes, one.text.size());
+  }
+}
+
 TEST(WriteParts, OneProgramForAllWhileItFits) {
   Job job = job_for("fanuc", true);
   const auto one = write_programs(job.machine, job.setup, job.passes, true, job.options);
