@@ -20,22 +20,33 @@ struct Posting {
   std::vector<AxisMotion> motions;
 };
 
-Posting plan_posting(const Job& job, const RunFolder& folder, const Monitor& monitor) {
-  const std::vector<ToolPath> passes = read_toolpaths(folder.needed("cam/toolpaths.bin", "cam"));
-  Posting posting;
-  posting.machine = read_machine(job.machine.file);
-  posting.machine.controller = job.controller.dialect;
-  posting.setup = work_on_table(posting.machine, job.machine.workpiece_origin_mm, job.machine.work_offset);
-  MotionOptions motion_options;
-  motion_options.tip_tolerance_mm = job.controller.tip_tolerance_um / 1000;
-  motion_options.tcp = job.controller.tcp && posting.machine.has_rotary();
-  ProgramOptions& options = posting.options;
+MachineModel machine_of(const Job& job) {
+  MachineModel machine = read_machine(job.machine.file);
+  machine.controller = job.controller.dialect;
+  return machine;
+}
+
+ProgramOptions program_options(const Job& job) {
+  ProgramOptions options;
   options.decimals = job.controller.decimals;
   options.tcp = job.controller.tcp;
   options.block_numbers = job.controller.block_numbers;
   options.job_name = job.name;
   options.job_hash = making_digest(job).substr(0, 16);
   if (job.controller.arcs) options.arc_tolerance_mm = job.controller.tip_tolerance_um / 1000;
+  return options;
+}
+
+Posting plan_posting(const Job& job, const RunFolder& folder, const Monitor& monitor) {
+  const std::vector<ToolPath> passes = read_toolpaths(folder.needed("cam/toolpaths.bin", "cam"));
+  Posting posting;
+  posting.machine = machine_of(job);
+  posting.options = program_options(job);
+  check_program_options(posting.machine, posting.options);
+  posting.setup = work_on_table(posting.machine, job.machine.workpiece_origin_mm, job.machine.work_offset);
+  MotionOptions motion_options;
+  motion_options.tip_tolerance_mm = job.controller.tip_tolerance_um / 1000;
+  motion_options.tcp = job.controller.tcp;
   for (std::size_t i = 0; i < passes.size(); ++i) {
     const double share = 1.0 / static_cast<double>(passes.size());
     posting.motions.push_back(plan_motion(posting.machine, posting.setup, passes[i], motion_options, monitor.part(share * i, share * (i + 1))));
@@ -55,6 +66,8 @@ ProgramFigures figures_of(const std::vector<Program>& programs, const std::strin
 }
 
 }  // namespace
+
+void check_posting(const Job& job) { check_program_options(machine_of(job), program_options(job)); }
 
 std::vector<Program> posted_programs(const Job& job, const RunFolder& folder) {
   const Posting posting = plan_posting(job, folder, {});

@@ -2,6 +2,7 @@
 
 #include "cli/digest.h"
 #include "cli/pages.h"
+#include "cli/posted_programs.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/files.h"
@@ -126,6 +127,7 @@ void check_job(const Job& job) {
                        compact(machine.min_spindle_rpm, 1) + " to " + compact(machine.max_spindle_rpm, 1) + "; change it in the job");
     }
   };
+  check_posting(job);
   check("rough", job.rough.cutter);
   check("semi_finish", job.semi_finish.cutter);
   check("finish", job.finish.cutter);

@@ -728,18 +728,7 @@ class ProgramWriter {
   std::string feed_;
 };
 
-void check_input(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
-                 const ProgramOptions& options) {
-  const int most_decimals = detail::dialect_of(machine.controller).most_decimals;
-  if (options.decimals < 3 || options.decimals > most_decimals) {
-    throw InputError("decimals = " + std::to_string(options.decimals) + ": must be from 3 to " +
-                     std::to_string(most_decimals) + " for " + machine.controller);
-  }
-  if (options.arc_tolerance_mm > 0 && !detail::dialect_of(machine.controller).arcs) {
-    throw InputError("arcs are asked for ([controller] arcs), but " + machine.controller +
-                     " programs have straight moves only: another plane would turn its tool length; use \"grblhal\", "
-                     "\"linuxcnc\" or \"fanuc\"");
-  }
+void check_input(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion) {
   if (setup.work_offset < 54 || setup.work_offset > 59) {
     throw InputError("work offset G" + std::to_string(setup.work_offset) + " does not exist: use 54 to 59");
   }
@@ -754,6 +743,29 @@ void check_input(const MachineModel& machine, const WorkSetup& setup, const Axis
 }
 
 }  // namespace
+
+void check_program_options(const MachineModel& machine, const ProgramOptions& options) {
+  const Dialect& dialect = detail::dialect_of(machine.controller);
+  if (options.decimals < 3 || options.decimals > dialect.most_decimals) {
+    throw InputError("decimals = " + std::to_string(options.decimals) + ": must be from 3 to " +
+                     std::to_string(dialect.most_decimals) + " for " + machine.controller);
+  }
+  if (options.arc_tolerance_mm > 0 && !dialect.arcs) {
+    throw InputError("arcs are asked for ([controller] arcs), but " + machine.controller +
+                     " programs have straight moves only: another plane would turn its tool length; use \"grblhal\", "
+                     "\"linuxcnc\" or \"fanuc\"");
+  }
+  if (!options.tcp) return;
+  if (!machine.has_rotary()) {
+    throw InputError("tool-centre-point control is asked for, but " + machine.name +
+                     " has no rotary axes that it could follow; leave it out ([controller] tcp = \"off\")");
+  }
+  if (!dialect.tcp || !machine.has_tcp) {
+    throw InputError("tool-centre-point control is asked for, but the machine file of " + machine.name +
+                     " does not say that its " + machine.controller + " control has it ([controller] tcp = true); the post's own kinematics " +
+                     "do without ([controller] tcp = \"off\")");
+  }
+}
 
 std::string program_file_name(const std::string& pass, const std::string& controller) {
   const Dialect& dialect = detail::dialect_of(controller);
@@ -774,10 +786,6 @@ bool uses_tcp(const MachineModel& machine, const AxisMotion& motion, const Progr
     }
     return false;
   }
-  if (!dialect.tcp || !machine.has_tcp) {
-    throw InputError("tool-centre-point control is asked for, but the machine file of " + machine.name +
-                     " does not say that its " + machine.controller + " control has it ([controller] tcp = true)");
-  }
   if (!dialect.tcp_ball_centre || is_ball(motion.cutter)) return true;
   if (turning) {
     throw InputError(motion.pass + ": M128 takes ball cutters only, '" + motion.cutter.name +
@@ -786,14 +794,6 @@ bool uses_tcp(const MachineModel& machine, const AxisMotion& motion, const Progr
   return false;
 }
 
-Program write_program(const MachineModel& machine, const WorkSetup& setup, std::span<const AxisMotion> passes,
-                      const ProgramOptions& options) {
-  if (passes.empty()) throw InputError("no pass to write a program for");
-  for (const AxisMotion& pass : passes) check_input(machine, setup, pass, options);
-  Program program = ProgramWriter(machine, setup, passes, options).write();
-  const std::vector<std::string> faults = check_program_text(machine, setup, passes, program.text, options);
-  if (!faults.empty()) {
-    throw NumericalError(program.file_name + " breaks a safety rule (" + std::to_string(faults.size()) +
 ProgramFigures& ProgramFigures::operator+=(const ProgramFigures& other) {
   blocks += other.blocks;
   bytes += other.bytes;
@@ -805,6 +805,15 @@ ProgramFigures& ProgramFigures::operator+=(const ProgramFigures& other) {
   return *this;
 }
 
+Program write_program(const MachineModel& machine, const WorkSetup& setup, std::span<const AxisMotion> passes,
+                      const ProgramOptions& options) {
+  if (passes.empty()) throw InputError("no pass to write a program for");
+  check_program_options(machine, options);
+  for (const AxisMotion& pass : passes) check_input(machine, setup, pass);
+  Program program = ProgramWriter(machine, setup, passes, options).write();
+  const std::vector<std::string> faults = check_program_text(machine, setup, passes, program.text, options);
+  if (!faults.empty()) {
+    throw NumericalError(program.file_name + " breaks a safety rule (" + std::to_string(faults.size()) +
                          " in all): " + faults.front());
   }
   return program;

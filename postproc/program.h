@@ -58,6 +58,10 @@ Program write_program(const MachineModel& machine, const WorkSetup& setup, std::
 Program write_program(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion,
                       const ProgramOptions& options = {});
 
+/// Throws InputError for what the options ask of a control that cannot, whatever the path: decimals, arcs,
+/// tool-centre-point control.
+void check_program_options(const MachineModel& machine, const ProgramOptions& options);
+
 /// Does write_program() use tool-centre-point control for this pass? M128 takes ball cutters only, so a Heidenhain
 /// control gets other cutters' fixed passes through the kinematics. Throws InputError where the control cannot.
 bool uses_tcp(const MachineModel& machine, const AxisMotion& motion, const ProgramOptions& options);

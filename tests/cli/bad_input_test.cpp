@@ -15,6 +15,7 @@ using test::ScratchFolder;
 using test::slurp;
 using test::spill;
 using test::tiny_job;
+using test::tiny_job_on;
 using ::testing::HasSubstr;
 
 /// One line, the command's name in front, and nothing but it on stderr (progress aside).
@@ -103,6 +104,19 @@ TEST(BadInput, ACutterLongerThanTheReach) {
   const fs::path job = tiny_job(scratch, "[finish]", "[finish]\ncutter = \"long.toml\"");
   expect_one_line(make(job, scratch), 2, {"finish.cutter", "130", "120", "shorter"});
   EXPECT_FALSE(fs::exists(scratch / "run"));
+}
+
+TEST(BadInput, WhatTheControlCannotIsRefusedBeforeTheDesign) {
+  const ScratchFolder scratch;
+  const fs::path job = tiny_job(scratch);
+  spill(job, slurp(job) + "\n[controller]\ntcp = \"on\"\n");
+  expect_one_line(make(job, scratch), 2, {"tool-centre-point control", "grblhal", "tcp = \"off\""});
+  const fs::path router = tiny_job_on(scratch, "router_grblhal.toml", "grblhal");
+  std::string upright = replaced(slurp(router), "[controller]", "[controller]\ntcp = \"on\"");
+  for (const char* pass : {"[semi_finish]", "[finish]"}) upright = replaced(upright, pass, std::string(pass) + "\naxis = \"vertical\"\nspindle_rpm = 24000");
+  spill(router, upright);
+  expect_one_line(make(router, scratch), 2, {"tool-centre-point control", "no rotary axes", "tcp = \"off\""});
+  EXPECT_TRUE(files_below(scratch / "run").empty());
 }
 
 TEST(BadInput, ASerialPortThatIsNotThere) {
