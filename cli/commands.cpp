@@ -125,6 +125,18 @@ void print_summary(const RunFolder& folder, Progress& progress) {
   progress.event({{"event", "report"}, {"path", folder.file("report.json").string()}, {"report", report}});
 }
 
+/// What is worth knowing at once of a stage that is done.
+void print_warnings(Stage stage, const RunFolder& folder, Progress& progress) {
+  if (stage != Stage::kPost) return;
+  const json report = folder.report().value("postproc", json::object());
+  for (const char* pass : kPassNames) {
+    const json rate = report.value(pass, json::object()).value("data_rate", json::object());
+    if (const double share = rate.value("starved_share", 0.0); share > 0) {
+      progress.say("warning:  " + std::string(pass) + " starves in " + fixed(std::max(100 * share, 0.1), 1) + " % of its cutting time: " + rate.value("remedy", ""));
+    }
+  }
+}
+
 int make(const Common& common, const std::string& job_path, const std::string& out, const std::string& until) {
   const Job given = read_job(job_path);
   check_job(given);
@@ -142,11 +154,13 @@ int make(const Common& common, const std::string& job_path, const std::string& o
     const std::string digest = stage_digest(stage, job, folder);
     if (!digest.empty() && folder.is_done(stage, digest)) {
       progress.done("nothing changed, kept");
+      print_warnings(stage, folder, progress);
       continue;
     }
     run_stage(stage, job, folder, monitor);
     write_pages(job, folder);
     progress.done();
+    print_warnings(stage, folder, progress);
   }
   write_pages(job, folder);
   print_summary(folder, progress);
@@ -173,6 +187,7 @@ int run_stages(const Common& common, const std::string& dir, const std::vector<S
     run_stage(stage, job, folder, progress.stage(stage_name(stage)), overrides);
     write_pages(job, folder);
     progress.done();
+    print_warnings(stage, folder, progress);
   }
   print_summary(folder, progress);
   return stages.back() == Stage::kDryRun ? dry_run_verdict(folder) : kExitDone;

@@ -17,6 +17,7 @@
 #include "machine/diffraction.h"
 #include "machine/dry_run.h"
 #include "machine/program_trace.h"
+#include "postproc/data_rate.h"
 #include "postproc/kinematics.h"
 
 namespace lightmill {
@@ -139,6 +140,20 @@ Fault surface_fault(const std::string& kind, const std::string& message, double 
   return fault;
 }
 
+/// What feeds every pass in time; `postproc` as in report.json.
+std::string feeding_remedy(const json& postproc, int baud) {
+  int enough = 0;
+  for (const char* pass : kPassNames) {
+    const json rate = postproc.value(pass, json::object()).value("data_rate", json::object());
+    if (rate.empty()) continue;
+    const int least = least_baud(rate.value("peak_blocks_per_s", 0.0), rate.value("bytes_per_block", 0.0));
+    if (least == 0) return "no usual line feeds it in time: lower the feed (max_feed_mm_per_min)";
+    enough = std::max(enough, least);
+  }
+  if (enough <= baud) return "lower the feed (max_feed_mm_per_min) or use a faster line than " + std::to_string(baud) + " baud (stream.baud)";
+  return "a line of " + std::to_string(enough) + " baud (stream.baud) feeds it in time, or lower the feed (max_feed_mm_per_min)";
+}
+
 }  // namespace
 
 StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& monitor, const ShopOverrides& overrides) {
@@ -157,6 +172,10 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
           ? simulate_programs(shop, programs, folder.file("dry_run"), monitor.part(0, 0.8))
           : run_program_files(shop, job.controller.dialect, programs, folder.file("dry_run"), monitor.part(0, 0.8));
   faults.insert(faults.end(), outcome.faults.begin(), outcome.faults.end());
+  const json postproc = folder.report().value("postproc", json::object());
+  for (Fault& fault : faults) {
+    if (fault.kind == "starved") fault.message += "; " + feeding_remedy(postproc, shop.baud);
+  }
 
   // What is left of the blank, against the very surface that was to be cut.
   monitor.report("measuring the machined surface", 0.8);
@@ -215,7 +234,6 @@ StageResult run_dry_run(const Job& job, const RunFolder& folder, const Monitor& 
     report["diffraction"]["wavelength_um"] = job.dry_run.wavelength_um;
   }
 
-  const json postproc = folder.report().value("postproc", json::object());
   const json timings = pass_timings(outcome.timing, postproc, machine);
   // They are where the tool they speak of cuts first.
   const auto add_at_first_feed = [&](std::vector<Fault> found) {

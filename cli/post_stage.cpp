@@ -3,6 +3,7 @@
 #include "cli/digest.h"
 #include "cli/posted_programs.h"
 #include "cli/stage_runs.h"
+#include "design/core/errors.h"
 #include "design/core/files.h"
 #include "postproc/data_rate.h"
 #include "postproc/program_parts.h"
@@ -65,6 +66,23 @@ ProgramFigures figures_of(const std::vector<Program>& programs, const std::strin
   return figures;
 }
 
+DataRate rate_of(const MachineModel& machine, const Job& job, const ProgramFigures& figures) {
+  // Only grblHAL is fed over the link while it mills; the others run files.
+  return data_rate(machine, figures.feed_seconds, figures.bytes, figures.blocks, machine.controller == "grblhal" ? job.stream.baud : 0);
+}
+
+/// Would the pass, that starves, not with arcs? Found by writing it.
+bool arcs_would_do(const MachineModel& machine, const WorkSetup& setup, const AxisMotion& motion, ProgramOptions options, const Job& job) {
+  if (job.controller.arcs) return false;
+  options.arc_tolerance_mm = job.controller.tip_tolerance_um / 1000;
+  try {
+    const std::vector<Program> programs = write_programs(machine, setup, std::span(&motion, 1), false, options);
+    return rate_of(machine, job, figures_of(programs, motion.pass)).starved_share == 0;
+  } catch (const InputError&) {
+    return false;  // the control has none
+  }
+}
+
 }  // namespace
 
 void check_posting(const Job& job) { check_program_options(machine_of(job), program_options(job)); }
@@ -95,8 +113,8 @@ StageResult run_post(const Job& job, const RunFolder& folder, const Monitor& mon
     }
     std::string names;
     for (const json& file : files) names += (names.empty() ? "" : ", ") + file["file"].get<std::string>();
-    // Only grblHAL is fed over the link while it mills; the others run files.
-    const DataRate rate = data_rate(machine, figures.feed_seconds, figures.bytes, figures.blocks, machine.controller == "grblhal" ? job.stream.baud : 0);
+    DataRate rate = rate_of(machine, job, figures);
+    if (rate.starved_share > 0 && arcs_would_do(machine, setup, motion, options, job)) rate.remedy += ", or write arcs ([controller] arcs = true)";
     report[motion.pass] = {{"blocks", figures.blocks},
                            {"bytes", figures.bytes},
                            {"max_tip_error_um", std::max(motion.max_tip_error_um, 1e3 * figures.max_arc_error_mm)},

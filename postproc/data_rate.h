@@ -18,6 +18,9 @@ struct DataRate {
   std::string remedy;               ///< empty: nothing to do
 };
 
+/// The slowest usual line that brings the wanted blocks a second, a tenth of it spare; 0: none does.
+int least_baud(double wanted_per_s, double bytes_per_block);
+
 /// `feed_seconds`: planned, of each block that feeds. `baud` of the link by which the program is fed while it runs, 10 bits a byte; 0: from the control's disk.
 DataRate data_rate(const MachineModel& machine, std::span<const double> feed_seconds, std::size_t bytes,
                    std::size_t blocks, int baud);

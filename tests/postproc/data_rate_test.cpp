@@ -10,6 +10,8 @@ namespace {
 
 using testing::HasSubstr;
 
+constexpr int kBytes = 42;  // a block
+
 // `slow` blocks of 10 ms, then `fast` ones of 1 ms.
 std::vector<double> times(int slow, int fast) {
   std::vector<double> seconds(static_cast<std::size_t>(slow), 0.01);
@@ -42,10 +44,29 @@ TEST(DataRate, ASlowLinkIsToldTheBaudItNeeds) {
   const DataRate slow = data_rate(machine, m, 42 * 500, 500, 115200);
   EXPECT_NEAR(slow.link_blocks_per_s, 115200 * 0.9 / 420, 1e-9);
   EXPECT_NEAR(slow.starved_share, 0.802, 1e-9) << "once the control's look-ahead of 100 blocks is used up";
-  EXPECT_THAT(slow.remedy, HasSubstr("233333 baud"));
-  const DataRate quick = data_rate(machine, m, 42 * 500, 500, 921600);
+  EXPECT_THAT(slow.remedy, HasSubstr("460800 baud"));
+  const DataRate quick = data_rate(machine, m, 42 * 500, 500, 460800);
   EXPECT_EQ(quick.starved_share, 0);
   EXPECT_THAT(quick.remedy, testing::IsEmpty());
+}
+
+// The line that the remedy names starves nothing, the usual one below it does; where none is enough a lower feed is left.
+TEST(DataRate, TheNamedLineIsTheSlowestThatIsEnough) {
+  MachineModel machine = test::fixture_machine();
+  machine.min_block_s = 0;
+  int below = 57600;
+  for (const int baud : {115200, 230400, 460800, 921600}) {
+    const std::vector<double> m(500, kBytes * 10 / (0.95 * 0.9 * baud));
+    EXPECT_EQ(least_baud(1 / m.front(), kBytes), baud);
+    EXPECT_EQ(data_rate(machine, m, kBytes * 500, 500, baud).starved_share, 0);
+    EXPECT_GT(data_rate(machine, m, kBytes * 500, 500, below).starved_share, 0);
+    below = baud;
+  }
+  const std::vector<double> m(500, 1e-4);
+  EXPECT_EQ(least_baud(1e4, kBytes), 0);
+  EXPECT_THAT(data_rate(machine, m, kBytes * 500, 500, 115200).remedy, HasSubstr("no usual line"));
+  machine.min_block_s = 0.002;
+  EXPECT_THAT(data_rate(machine, m, kBytes * 500, 500, 115200).remedy, testing::Not(HasSubstr("baud"))) << "the control is too slow for any";
 }
 
 }  // namespace
