@@ -12,6 +12,7 @@
 #include "cli/errors_file.h"
 #include "cli/fault_files.h"
 #include "cli/job.h"
+#include "cli/machinability_report.h"
 #include "cli/mill_proof.h"
 #include "cli/operator_keys.h"
 #include "cli/pages.h"
@@ -127,10 +128,15 @@ void print_summary(const RunFolder& folder, Progress& progress) {
 
 /// What is worth knowing at once of a stage that is done.
 void print_warnings(Stage stage, const RunFolder& folder, Progress& progress) {
+  const json report = folder.report();
+  const json::json_pointer machinability("/cam/machinability");
+  if (stage == Stage::kCam && report.contains(machinability)) {
+    for (const std::string& change : changed_axes(report.at(machinability))) progress.say("warning:  " + change);
+  }
   if (stage != Stage::kPost) return;
-  const json report = folder.report().value("postproc", json::object());
+  const json postproc = report.value("postproc", json::object());
   for (const char* pass : kPassNames) {
-    const json rate = report.value(pass, json::object()).value("data_rate", json::object());
+    const json rate = postproc.value(pass, json::object()).value("data_rate", json::object());
     if (const double share = rate.value("starved_share", 0.0); share > 0) {
       progress.say("warning:  " + std::string(pass) + " starves in " + fixed(std::max(100 * share, 0.1), 1) + " % of its cutting time: " + rate.value("remedy", ""));
     }

@@ -68,23 +68,29 @@ std::string line(std::string name, const std::string& what) {
   return name + what + "\n";
 }
 
+/// Of the axis, "asked" or "planned".
+std::string lean_text(const json& window, const std::string& which) {
+  return fixed(window.at(which + "_tilt_deg"), 1) + (window.at("axis") == "fixed" ? " deg towards " : " deg off the normal towards ") +
+         fixed(window.at(which + "_direction_deg"), 0) + " deg";
+}
+
+bool gives_way(const json& window) {
+  if (window.at("refused") || !window.contains("planned_tilt_deg") || !window.contains("planned_direction_deg")) return false;
+  return window.at("planned_tilt_deg") != window.at("asked_tilt_deg") || window.at("planned_direction_deg") != window.at("asked_direction_deg");
+}
+
 std::string window_text(const json& w) {
   const std::string axis = w.at("axis");
-  const auto lean = [&](const char* which) {
-    const std::string at(which);
-    return fixed(w.at(at + "_tilt_deg"), 1) + (axis == "fixed" ? " deg towards " : " deg off the normal towards ") + fixed(w.at(at + "_direction_deg"), 0) + " deg";
-  };
   const std::string window = fixed(w.at("window_deg")[0], 0) + " to " + fixed(w.at("window_deg")[1], 0) + " deg";
   const bool all_within = w.at("outside_mm2") == 0;
-  std::string text = (axis == "vertical" ? "upright" : lean("asked")) + ": contact " + fixed(w.at("contact_deg")[0], 1) + " to " + fixed(w.at("contact_deg")[1], 1) +
+  std::string text = (axis == "vertical" ? "upright" : lean_text(w, "asked")) + ": contact " + fixed(w.at("contact_deg")[0], 1) + " to " + fixed(w.at("contact_deg")[1], 1) +
                      " deg from the axis, ";
   text += all_within ? "all within " + window
                      : fixed(w.at("outside_mm2"), 1) + " mm2 (" + percent(w.at("outside_share")) + ") outside " + window + ", worst " + fixed(w.at("worst_deg"), 1) +
                            " deg at " + place(w.at("worst_at_mm"));
   if (w.at("refused")) return text + "; no axis of this kind will do";
   if (axis == "vertical") return text + (all_within ? "" : "; milled so as asked, the ball's centre rubs where it is level");
-  const bool gives_way = w.at("planned_tilt_deg") != w.at("asked_tilt_deg") || w.at("planned_direction_deg") != w.at("asked_direction_deg");
-  return text + (gives_way ? "; " + lean("planned") + " will do" : "");
+  return text + (gives_way(w) ? "; " + lean_text(w, "planned") + " will do" : "");
 }
 
 std::string leftover_text(const json& left) {
@@ -155,6 +161,19 @@ json machinability_json(const Job& job, const SplineSurface& surface, const Outl
   result["smaller_balls"] = reachable.unreachable_area_mm2 > 0 ? smaller_balls_json(surface, outline, ball, pitch) : json::array();
   result["refusals"] = refusals;
   return result;
+}
+
+std::vector<std::string> changed_axes(const json& m) {
+  std::vector<std::string> changes;
+  for (const char* pass : kPassNames) {
+    if (!m.at("axes").contains(pass)) continue;
+    const json& window = m.at("axes").at(pass);
+    if (!gives_way(window)) continue;
+    changes.push_back(std::string(pass) + " leans " + lean_text(window, "planned") + ", not " + lean_text(window, "asked") +
+                      " as asked: the ball would cut outside " + fixed(window.at("window_deg")[0], 0) + " to " + fixed(window.at("window_deg")[1], 0) +
+                      " deg from its axis");
+  }
+  return changes;
 }
 
 std::string machinability_text(const json& m, const json& creases, const json& cam) {

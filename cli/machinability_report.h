@@ -3,6 +3,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 #include <string>
+#include <vector>
 
 #include "cam/outline.h"
 #include "cam/reachable.h"
@@ -14,7 +15,10 @@ namespace lightmill {
 /// surface alone: no pass is planned. `smaller_balls` tells what half and a quarter of the ball would leave where it leaves something.
 nlohmann::json machinability_json(const Job& job, const SplineSurface& surface, const Outline& outline, const ReachableSurface& reachable);
 
-/// The same as lines of text, with the creases (creases_json) and, as far as they are planned, the passes of `cam`.
+/// A line for each pass whose axis gives way to another than asked for.
+std::vector<std::string> changed_axes(const nlohmann::json& machinability);
+
+/// The machinability as lines of text, with the creases (creases_json) and, as far as they are planned, the passes of `cam`.
 std::string machinability_text(const nlohmann::json& machinability, const nlohmann::json& creases, const nlohmann::json& cam);
 
 }  // namespace lightmill

@@ -15,6 +15,7 @@
 #include "cli/crease_report.h"
 #include "cli/job_light.h"
 #include "cli/machinability_report.h"
+#include "cli/posted_programs.h"
 #include "cli/stage_runs.h"
 #include "design/core/errors.h"
 #include "design/core/text.h"
@@ -144,7 +145,17 @@ int check_machinability(const Job& job, const RunFolder& folder) {
   const std::string refused = folder.refusal(Stage::kCam, stage_digest(Stage::kCam, job, folder));
   if (!refused.empty() && std::find(refusals.begin(), refusals.end(), refused) == refusals.end()) refusals.push_back(refused);
   const nlohmann::json cam = folder.report().value("cam", nlohmann::json::object());
+  // Limits of the axes, where the tool paths of this job are there.
+  const bool planned = folder.is_done(Stage::kCam, stage_digest(Stage::kCam, job, folder));
+  if (planned) {
+    try {
+      posted_programs(job, folder);
+    } catch (const InputError& e) {
+      refusals.push_back(e.what());
+    }
+  }
   std::fputs(machinability_text(found, creases_json(surface, reachable, job), cam).c_str(), stdout);
+  if (!planned) std::fputs("axis limits       not looked at: that takes the tool paths (lightmill make --until cam)\n", stdout);
   if (refusals.empty()) return kExitDone;
   std::fprintf(stderr, "lightmill: this lens cannot be milled as the job asks: %s\n", refusals.front().get<std::string>().c_str());
   return kExitBadInput;
