@@ -537,9 +537,10 @@ class TrimmedLensBuilder : private TopologyBuilder {
     const double span_mm = surface_.span_mm().minCoeff();
     add(from);
     for (std::size_t k = 0; k < wall.knots.size(); ++k) {
-      const double knot = k + 1 < wall.knots.size() ? std::min(wall.knots[k + 1], to) : to;
+      // Knots next to an end are none.
+      const double knot = k + 1 < wall.knots.size() && wall.knots[k + 1] < to - kToleranceMm ? wall.knots[k + 1] : to;
       const double start = cubic.knots.back();
-      if (knot <= start) continue;
+      if (knot <= start + kToleranceMm) continue;
       const double length = (knot - start) * (wall.radius_mm > 0 ? wall.radius_mm : 1);
       const int steps = std::max(1, static_cast<int>(std::ceil(length / span_mm)));
       for (int m = 1; m <= steps; ++m) go_to(go_to, m == steps ? knot : start + (knot - start) * m / steps, 8);

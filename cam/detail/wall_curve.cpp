@@ -11,6 +11,7 @@ namespace {
 constexpr double kCornerRad = 0.25;
 constexpr double kBulgeMm = 0.05;
 constexpr double kDistinctMm = 2e-3;  ///< places nearer to the one before are none: OpenCASCADE's edges need a length
+constexpr double kAtRest = 1e-6;      ///< of a curve's speed, which is about 1
 constexpr int kArcKnots = 128;        ///< of half a circle
 constexpr double kGauss[3] = {0.5 - 0.3872983346207417, 0.5, 0.5 + 0.3872983346207417};
 constexpr double kWeight[3] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
@@ -124,7 +125,7 @@ std::vector<double> WallPiece::turns(int axis) const {
       const double q1 = 3 * (places[k + 1][axis] - places[k][axis]) / h - q0 - q2;
       const double a = q0 - 2 * q1 + q2, b = q1 - q0;
       const double root = b * b - a * q0;
-      if (q0 == 0) add(knots[k]);
+      if (std::abs(q0) < kAtRest) add(knots[k]);  // rounding puts the root on either side of the knot
       if (root <= 0) continue;
       const double q = -(b + std::copysign(std::sqrt(root), b));
       double u[2] = {a != 0 ? q / a : -1, q != 0 ? q0 / q : -1};

@@ -55,7 +55,7 @@ TEST(WallCurve, PiecesCloseAndKeepToTheOutlinesChords) {
 }
 
 TEST(WallCurve, BetweenTurnsACoordinateRisesOrFallsAllTheWay) {
-  for (const Outline& outline : {kTriangle, kDisk, flower(9, 7, 0, 60), flower(7, 6, 1, 150)}) {
+  for (const Outline& outline : {kTriangle, kDisk, flower(9, 7, 0, 60), flower(9, 7, 0, 100), flower(7, 6, 1, 150)}) {
     for (const WallPiece& wall : wall_pieces(outline)) {
       for (const int axis : {0, 1}) {
         const std::vector<double> turns = wall.turns(axis);
