@@ -22,6 +22,7 @@
 #include "design/detail/near_border.h"
 #include "design/detail/one_ring.h"
 #include "design/detail/outline_mesh.h"
+#include "design/detail/parabola_normal.h"
 #include "design/detail/picture_loop.h"
 #include "design/detail/vertex_light.h"
 
@@ -344,10 +345,10 @@ int hold_back(const std::vector<std::array<int, 3>>& triangles, const std::vecto
 /// Normals to trace and mill by: angle-weighted inside; on the border and at creases, where that is one-sided, the
 /// normal of the parabola that fits the vertices around on the same side best, if they lie well around.
 std::vector<Vec3> surface_normals(const SurfaceMesh& mesh, const std::vector<OneRing>& rings, const Creases& creases) {
-  constexpr double kWellAround = 0.05;  // least over greatest spread
   std::vector<Vec3> normals = ring_normals(mesh.vertices, rings, creases);
   parallel_blocks(rings.size(), 4096, [&](std::size_t begin, std::size_t end) {
     std::vector<int> around;
+    std::vector<Vec3> places;
     for (std::size_t v = begin; v < end; ++v) {
       if (rings[v].closed && creases.crossed[v] == 0) continue;
       const auto add_ring = [&](int of) {
@@ -361,23 +362,9 @@ std::vector<Vec3> surface_normals(const SurfaceMesh& mesh, const std::vector<One
       std::sort(around.begin(), around.end());
       around.erase(std::unique(around.begin(), around.end()), around.end());
       std::erase(around, static_cast<int>(v));
-      Eigen::MatrixXd terms(around.size(), 5);
-      Eigen::VectorXd rises(around.size());
-      Eigen::Matrix2d spread = Eigen::Matrix2d::Zero();
-      for (std::size_t k = 0; k < around.size(); ++k) {
-        const Vec3 d = mesh.vertices[around[k]] - mesh.vertices[v];
-        const double weight = 1 / (d.head<2>().squaredNorm() + 1e-12);
-        terms.row(k) << d.x(), d.y(), d.x() * d.x(), d.x() * d.y(), d.y() * d.y();
-        terms.row(k) *= weight;
-        rises[k] = weight * d.z();
-        spread += d.head<2>() * d.head<2>().transpose();
-      }
-      constexpr std::size_t kFewest = 6;
-      if (around.size() < kFewest) continue;
-      const Vec2 spreads = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(spread).eigenvalues();
-      if (spreads[0] < kWellAround * spreads[1]) continue;
-      const Eigen::VectorXd fit = terms.colPivHouseholderQr().solve(rises);
-      if (fit.allFinite()) normals[v] = Vec3(-fit[0], -fit[1], 1).normalized();
+      places.clear();
+      for (const int n : around) places.push_back(mesh.vertices[n]);
+      if (const auto normal = detail::parabola_normal(mesh.vertices[v], places)) normals[v] = *normal;
     }
   });
   return normals;

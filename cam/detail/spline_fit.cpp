@@ -14,6 +14,7 @@
 #include "cam/spline_surface.h"
 #include "design/core/one_blas_thread.h"
 #include "design/core/parallel.h"
+#include "design/core/text.h"
 
 namespace lightmill {
 
@@ -86,8 +87,9 @@ void check_mesh(const SurfaceMesh& mesh, const Box2& extent) {
       throw InputError("spline fit: vertex " + std::to_string(v) + " is not finite");
     }
     if (!(mesh.normals[v].z() > 0.05)) {
-      throw InputError("spline fit: the normal of vertex " + std::to_string(v) +
-                       " leans over (z must be above 0.05): the surface must be a height field");
+      throw InputError("spline fit: the normal of vertex " + std::to_string(v) + " leans over (z must be above 0.05) at x " +
+                       fixed(mesh.vertices[v].x(), 2) + ", y " + fixed(mesh.vertices[v].y(), 2) +
+                       " mm: the surface must be a height field; take another surface.mesh, or blunt lens.outline there");
     }
   }
 }
