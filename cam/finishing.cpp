@@ -105,6 +105,45 @@ std::vector<Vec2> centres_over(const SplineSurface& surface, double radius_mm, s
   return places;
 }
 
+/// The outermost turn of a spiral around a place: every centre at least so far within it, clockwise from its farthest place on. It has
+/// no corner, and comes nowhere nearer to the middle than steeply aslant: bays deeper than that are passed over.
+std::vector<Vec2> turn_around(const std::vector<Vec2>& centres, const Vec2& middle, double beyond_mm) {
+  constexpr double kLegMm = 0.6, kRoundMm = 1, kAslant = 1.5;
+  double farthest = 0;
+  for (const Vec2& c : centres) farthest = std::max(farthest, (c - middle).norm() + beyond_mm);
+  const int count = std::max(64, static_cast<int>(std::ceil(2 * kPi * farthest / kLegMm)));
+  const double step = 2 * kPi / count;
+  const auto at = [count](int i) { return ((i % count) + count) % count; };
+  std::vector<double> radii(count, beyond_mm);
+  for (const Vec2& c : centres) {
+    const double away = (c - middle).norm(), angle = std::atan2(c.y() - middle.y(), c.x() - middle.x());
+    const double half = away > beyond_mm ? std::asin(beyond_mm / away) : kPi;
+    for (int i = static_cast<int>(std::ceil((angle - half) / step)); i <= static_cast<int>(std::floor((angle + half) / step)); ++i) {
+      const double aside = away * std::sin(i * step - angle);
+      double& radius = radii[at(i)];
+      radius = std::max(radius, away * std::cos(i * step - angle) + std::sqrt(std::max(0.0, beyond_mm * beyond_mm - aside * aside)));
+    }
+  }
+  for (int i = 1; i < 2 * count; ++i) radii[at(i)] = std::max(radii[at(i)], radii[at(i - 1)] * std::exp(-kAslant * step));
+  for (int i = 2 * count; i > 0; --i) radii[at(i - 1)] = std::max(radii[at(i - 1)], radii[at(i)] * std::exp(-kAslant * step));
+  // The farthest within a reach, and its mean over the same reach: nowhere less.
+  const int reach = static_cast<int>(std::ceil(kRoundMm / kLegMm));
+  std::vector<double> widest(count), smooth(count, 0.0);
+  for (int i = 0; i < count; ++i) {
+    for (int d = -reach; d <= reach; ++d) widest[i] = std::max(widest[i], radii[at(i + d)]);
+  }
+  for (int i = 0; i < count; ++i) {
+    for (int d = -reach; d <= reach; ++d) smooth[i] += widest[at(i + d)] / (2 * reach + 1);
+  }
+  const auto first = static_cast<int>(std::max_element(smooth.begin(), smooth.end()) - smooth.begin());
+  std::vector<Vec2> turn;
+  for (int i = 0; i < count; ++i) {
+    const int k = at(first - i);
+    turn.emplace_back(middle + smooth[k] * Vec2(std::cos(k * step), std::sin(k * step)));
+  }
+  return turn;
+}
+
 /// An arc away from a pass whose curvature grows evenly from the pass's own to 1 / radius at its end.
 struct Arc {
   double length_mm, radius_mm;
@@ -162,7 +201,13 @@ class Planner {
     spacing.tolerance = tolerance_;
     spacing.landing_mm = on_surface().length_mm;
     detail::SpacedPasses passes;
-    if (options_.strategy == Strategy::kSpiral) {
+    if (options_.strategy == Strategy::kSpiral && within_ && options_.outline->shape != Outline::Shape::kRectangle) {
+      const std::vector<Vec2> centres = centres_over(surface_, ball_.radius_mm(), border_places(surface_, options_.outline), {});
+      Box2 box;
+      for (const Vec2& centre : centres) box.include(centre);
+      const double outside = beyond + detail::flat_stepover_mm(radius_, spacing.cusp_mm);
+      passes = detail::space_outline_spiral(ball_, spacing, box.centre(), turn_around(centres, box.centre(), outside), monitor.part(0, 0.85));
+    } else if (options_.strategy == Strategy::kSpiral) {
       spacing.ends = [](double) { return std::pair(-kUnbounded, kUnbounded); };  // pieces of it end where they may
       const double begin_y = within_ ? reach.min.y() : between_sides({reach.min.x(), 0}, {0, 1}).first;
       passes = detail::space_spiral(turned_, spacing, reach, begin_y, monitor.part(0, 0.85));

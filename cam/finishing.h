@@ -22,7 +22,7 @@ inline constexpr double kMostContactAngle = 55 * kPi / 180;
 enum class Strategy {
   kOneWay,  ///< passes along one direction, beside each other, lifted back between them
   kZigZag,  ///< every other pass backwards: quicker, but the edge cuts now with, now against the feed
-  kSpiral,  ///< from the outside in, in one go: straight sides around the bounding rectangle, clockwise
+  kSpiral,  ///< from the outside in, in one go, clockwise: straight sides around a rectangle, or turns like a disk's or free outline's
 };
 
 struct FinishOptions {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 #include "cam/detail/grooves.h"
@@ -253,99 +254,6 @@ class Spacer {
     return all;
   }
 
- private:
-
-  [[nodiscard]] std::vector<CentrePath> compute_paths(const std::vector<double>& ys, const Monitor& monitor) const {
-    std::vector<CentrePath> paths(ys.size());
-    in_groups(paths.size(), monitor, [&](std::size_t k) {
-      const auto [from_x, to_x] = options_.ends(ys[k]);
-      paths[k] = centre_path(ball_, ys[k], from_x, to_x, options_.tolerance);
-    });
-    return paths;
-  }
-
-  [[nodiscard]] std::vector<Between> look_between(const std::vector<CentrePath>& paths, bool with_infill,
-                                                  const Monitor& monitor) const {
-    std::vector<Between> result(paths.size() - 1);
-    in_groups(result.size(), monitor, [&](std::size_t k) { result[k] = look(paths[k], paths[k + 1], with_infill); });
-    return result;
-  }
-
-  [[nodiscard]] bool is_wanted(const Vec2& p) const {
-    const Vec2 place = ball_.turn().out(p);
-    return wanted_.contains(place) && (!options_.wanted || options_.wanted->contains(place));
-  }
-
-  /// Distance of the (offset) surface's point over p from being cut by either path: the cusp there.
-  struct Left {
-    double a = 0, b = 0;
-    [[nodiscard]] double cusp() const { return std::min(a, b); }
-  };
-  [[nodiscard]] Left left_at(const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j,
-                             const Vec2& p) const {
-    Left left;
-    const double allowance = ball_.radius_mm() - options_.cutting_radius_mm;
-    Vec3 q(p.x(), p.y(), ball_.height(p));
-    if (allowance > 0) q += allowance * ball_.normal(p);
-    left.a = distance(a, i, q) - options_.cutting_radius_mm;
-    left.b = distance(b, j, q) - options_.cutting_radius_mm;
-    return left;
-  }
-
-  /// Highest cusp between two paths at x, by following the contact as the ball goes from one to the other. Everything
-  /// it touches is reachable. Where it jumps, a ball rests on two flanks at once, and what is between is reachable only
-  /// so far as that ball leaves less than 0.1 um there.
-  class Follower {
-   public:
-    Follower(const Spacer& spacer, const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j, double x)
-        : spacer_(spacer), a_(a), b_(b), i_(i), j_(j), x_(x), close_mm_(0.3 * (b.y - a.y)) {}
-
-    double highest(const Vec2& pa, const Vec2& pb) {
-      consider(pa);
-      consider(pb);
-      follow(a_.y, pa, b_.y, pb);
-      return highest_;
-    }
-
-   private:
-    void consider(const Vec2& p) {
-      if (spacer_.is_wanted(p)) highest_ = std::max(highest_, spacer_.left_at(a_, i_, b_, j_, p).cusp());
-    }
-
-    void follow(double y1, const Vec2& p1, double y2, const Vec2& p2) {
-      const double width = (p2 - p1).norm();
-      if (width <= close_mm_) {
-        consider((p1 + p2) / 2);  // the highest place is where it is as far to one path as to the other, and may be between
-        return;
-      }
-      const double y = (y1 + y2) / 2;
-      const Contact middle = spacer_.ball_.at(x_, y);
-      if (y2 - y1 > kJumpMm) {
-        consider(middle.point);
-        follow(y1, p1, y, middle.point);
-        follow(y, middle.point, y2, p2);
-        return;
-      }
-      const Vec3 centre(x_, y, middle.z);
-      for (const int from_first : {1, 0}) {
-        for (double t = kIntoJumpMm; t < width; t += kIntoJumpMm) {
-          const Vec2 p = from_first ? Vec2(p1 + (p2 - p1) * (t / width)) : Vec2(p2 + (p1 - p2) * (t / width));
-          const Vec3 q(p.x(), p.y(), spacer_.ball_.height(p));
-          if ((centre - q).norm() - spacer_.ball_.radius_mm() > kReachableMm) break;
-          consider(p);
-        }
-      }
-    }
-
-    const Spacer& spacer_;
-    const CentrePath& a_;
-    const CentrePath& b_;
-    std::size_t i_, j_;
-    double x_;
-    double close_mm_;
-    double highest_ = 0;
-  };
-
   /// Stations at the vertices of both paths within [from_x, to_x]; `a` and `b` may be of different lengths.
   [[nodiscard]] std::vector<Station> leftover(const CentrePath& a, const CentrePath& b, double from_x,
                                               double to_x) const {
@@ -473,6 +381,98 @@ class Spacer {
     return best_spacing;
   }
 
+ private:
+  [[nodiscard]] std::vector<CentrePath> compute_paths(const std::vector<double>& ys, const Monitor& monitor) const {
+    std::vector<CentrePath> paths(ys.size());
+    in_groups(paths.size(), monitor, [&](std::size_t k) {
+      const auto [from_x, to_x] = options_.ends(ys[k]);
+      paths[k] = centre_path(ball_, ys[k], from_x, to_x, options_.tolerance);
+    });
+    return paths;
+  }
+
+  [[nodiscard]] std::vector<Between> look_between(const std::vector<CentrePath>& paths, bool with_infill,
+                                                  const Monitor& monitor) const {
+    std::vector<Between> result(paths.size() - 1);
+    in_groups(result.size(), monitor, [&](std::size_t k) { result[k] = look(paths[k], paths[k + 1], with_infill); });
+    return result;
+  }
+
+  [[nodiscard]] bool is_wanted(const Vec2& p) const {
+    const Vec2 place = ball_.turn().out(p);
+    return wanted_.contains(place) && (!options_.wanted || options_.wanted->contains(place));
+  }
+
+  /// Distance of the (offset) surface's point over p from being cut by either path: the cusp there.
+  struct Left {
+    double a = 0, b = 0;
+    [[nodiscard]] double cusp() const { return std::min(a, b); }
+  };
+  [[nodiscard]] Left left_at(const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j,
+                             const Vec2& p) const {
+    Left left;
+    const double allowance = ball_.radius_mm() - options_.cutting_radius_mm;
+    Vec3 q(p.x(), p.y(), ball_.height(p));
+    if (allowance > 0) q += allowance * ball_.normal(p);
+    left.a = distance(a, i, q) - options_.cutting_radius_mm;
+    left.b = distance(b, j, q) - options_.cutting_radius_mm;
+    return left;
+  }
+
+  /// Highest cusp between two paths at x, by following the contact as the ball goes from one to the other. Everything
+  /// it touches is reachable. Where it jumps, a ball rests on two flanks at once, and what is between is reachable only
+  /// so far as that ball leaves less than 0.1 um there.
+  class Follower {
+   public:
+    Follower(const Spacer& spacer, const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j, double x)
+        : spacer_(spacer), a_(a), b_(b), i_(i), j_(j), x_(x), close_mm_(0.3 * (b.y - a.y)) {}
+
+    double highest(const Vec2& pa, const Vec2& pb) {
+      consider(pa);
+      consider(pb);
+      follow(a_.y, pa, b_.y, pb);
+      return highest_;
+    }
+
+   private:
+    void consider(const Vec2& p) {
+      if (spacer_.is_wanted(p)) highest_ = std::max(highest_, spacer_.left_at(a_, i_, b_, j_, p).cusp());
+    }
+
+    void follow(double y1, const Vec2& p1, double y2, const Vec2& p2) {
+      const double width = (p2 - p1).norm();
+      if (width <= close_mm_) {
+        consider((p1 + p2) / 2);  // the highest place is where it is as far to one path as to the other, and may be between
+        return;
+      }
+      const double y = (y1 + y2) / 2;
+      const Contact middle = spacer_.ball_.at(x_, y);
+      if (y2 - y1 > kJumpMm) {
+        consider(middle.point);
+        follow(y1, p1, y, middle.point);
+        follow(y, middle.point, y2, p2);
+        return;
+      }
+      const Vec3 centre(x_, y, middle.z);
+      for (const int from_first : {1, 0}) {
+        for (double t = kIntoJumpMm; t < width; t += kIntoJumpMm) {
+          const Vec2 p = from_first ? Vec2(p1 + (p2 - p1) * (t / width)) : Vec2(p2 + (p1 - p2) * (t / width));
+          const Vec3 q(p.x(), p.y(), spacer_.ball_.height(p));
+          if ((centre - q).norm() - spacer_.ball_.radius_mm() > kReachableMm) break;
+          consider(p);
+        }
+      }
+    }
+
+    const Spacer& spacer_;
+    const CentrePath& a_;
+    const CentrePath& b_;
+    std::size_t i_, j_;
+    double x_;
+    double close_mm_;
+    double highest_ = 0;
+  };
+
   /// Infill between two neighbours until every reachable place is within the limit or the pieces lie too close. `groove` is the
   /// pass before, which is cut by then.
   void settle(const CentrePath& a, const CentrePath& b, const CentrePath& groove, const std::vector<Station>& stations,
@@ -537,6 +537,24 @@ class Spacer {
   Box2 wanted_;  // the lens and what is just beyond its border, so that the last point on it is looked at from both
                  // sides
 };
+
+/// From the end of a line back into the groove of its last turn, which lies beside it after vertex `turn`, and in it round
+/// and round until the ball has lifted.
+std::vector<Vec2> around_again(const std::vector<Vec2>& line, std::size_t turn, double spacing, double landing_mm) {
+  const auto along = [&](std::size_t k) { return Vec2((line[k + 1] - line[k]).normalized()); };
+  constexpr int kLegs = 12;
+  const std::vector<Vec2> back = bend(line.back(), along(line.size() - 2), line[turn], along(turn), 2 * spacing, kLegs);
+  std::vector<Vec2> result = {line.back()};
+  for (double lifting = 0; lifting < landing_mm;) {
+    if (result.size() > 1) lifting += 2 * spacing;
+    result.insert(result.end(), back.begin() + 1, back.end());
+    for (std::size_t k = turn + 1; k < line.size(); ++k) {
+      lifting += (line[k] - line[k - 1]).norm();
+      result.push_back(line[k]);
+    }
+  }
+  return result;
+}
 
 /// A spiral as rings of four sides, each side in axes of its own in which it runs along +X and the middle lies at smaller y.
 class SpiralSpacer {
@@ -657,30 +675,12 @@ class SpiralSpacer {
       drawn.push_back(line[k] + kBeside * spacing[k] * out);
     }
     drawn.push_back(line.back());
-    std::vector<Vec2> after = line.size() > 4 ? around_again(drawn, 3 * (line.size() - 4), spacing.back()) : std::vector<Vec2>();
+    std::vector<Vec2> after = line.size() > 4 ? around_again(drawn, 3 * (line.size() - 4), spacing.back(), options_.landing_mm) : std::vector<Vec2>();
     for (Vec2& p : drawn) p = ball_.turn().out(p);
     for (Vec2& p : after) p = ball_.turn().out(p);
     std::vector<CentrePath> paths = centre_paths_along(ball_.ball(), drawn, options_.tolerance);
     paths.back().after = std::move(after);
     return paths;
-  }
-
-  /// From the end of a line back into the groove of its last turn, which lies beside it after vertex `turn`, and in it round
-  /// and round until the ball has lifted.
-  [[nodiscard]] std::vector<Vec2> around_again(const std::vector<Vec2>& line, std::size_t turn, double spacing) const {
-    const auto along = [&](std::size_t k) { return Vec2((line[k + 1] - line[k]).normalized()); };
-    constexpr int kLegs = 12;
-    const std::vector<Vec2> back = bend(line.back(), along(line.size() - 2), line[turn], along(turn), 2 * spacing, kLegs);
-    std::vector<Vec2> result = {line.back()};
-    for (double lifting = 0; lifting < options_.landing_mm;) {
-      if (result.size() > 1) lifting += 2 * spacing;
-      result.insert(result.end(), back.begin() + 1, back.end());
-      for (std::size_t k = turn + 1; k < line.size(); ++k) {
-        lifting += (line[k] - line[k - 1]).norm();
-        result.push_back(line[k]);
-      }
-    }
-    return result;
   }
 
   TurnedBall ball_;
@@ -690,6 +690,204 @@ class SpiralSpacer {
   double depth_;  // of the middle
   std::array<Turn, 4> turns_;
   std::vector<Spacer> spacers_;
+};
+
+/// A spiral of turns that are all like the outermost one, smaller and smaller: `outermost` about `middle`, clockwise, from its farthest
+/// place on. Each leg of a turn is parallel to the same leg of the next one, and judged against it as passes are.
+class OutlineSpiralSpacer {
+ public:
+  OutlineSpiralSpacer(const BallContact& ball, const SpacingOptions& options, const Vec2& middle, const std::vector<Vec2>& outermost)
+      : ball_(ball), options_(options), middle_(middle), outermost_(outermost) {
+    for (std::size_t i = 0; i < legs(); ++i) {
+      const Vec2 leg = corner(i + 1) - corner(i);
+      turns_.push_back({leg.normalized()});
+      depth_ = std::max(depth_, turns_.back().in(corner(i) - middle_).y());
+      spacers_.emplace_back(TurnedBall(ball, turns_.back()), options);
+    }
+    // Half-way between two corners of this turning angle it is so much farther to the nearest way than half the spacing.
+    for (std::size_t i = 0; i < legs(); ++i) {
+      const double turning = std::max(turning_at(i), turning_at(i + 1));
+      farther_.push_back(2 / (1 + std::cos(turning / 2)));
+    }
+  }
+
+  [[nodiscard]] SpacedPasses plan(const Monitor& monitor) const {
+    const double flat = spacers_.front().flat_mm();
+    SpacingField field(0, depth_, kSurveyOfFlat * flat, kMostOfFlat * flat);
+    std::vector<double> depths = field.nodes();
+    std::vector<Turns> between = look(depths, false, monitor.part(0, 0.3));
+    for (std::size_t k = 0; k < between.size(); ++k) field.limit(depths[k], depths[k + 1], between[k].wish_mm);
+    for (int round = 0;; ++round) {
+      depths = field.places();
+      between = {};
+      between = look(depths, true, monitor.part(0.3 + 0.15 * round, 0.3 + 0.15 * (round + 1)));
+      bool content = true;
+      for (std::size_t k = 0; k < between.size(); ++k) {
+        if (between[k].content) continue;
+        content = false;
+        // A turn goes over from one depth to the next, and is beside both.
+        field.limit(depths[k], depths[std::min(k + 2, depths.size() - 1)], between[k].wish_mm);
+      }
+      if (content || round + 1 == kMostRounds) break;
+    }
+    SpacedPasses all;
+    all.paths = way(depths);
+    for (std::size_t k = 0; k < between.size(); ++k) {
+      all.widest_mm = std::max(all.widest_mm, depths[k + 1] - depths[k]);
+      SpacedPasses& part = between[k].pieces;
+      for (CentrePath& piece : part.paths) all.paths.push_back(std::move(piece));
+      all.highest_cusp_mm = std::max(all.highest_cusp_mm, part.highest_cusp_mm);
+      all.above_limit_mm2 += part.above_limit_mm2;
+      all.infill_pieces += part.infill_pieces;
+    }
+    return all;
+  }
+
+ private:
+  [[nodiscard]] std::size_t legs() const { return outermost_.size(); }
+  [[nodiscard]] const Vec2& corner(std::size_t i) const { return outermost_[i % legs()]; }
+  [[nodiscard]] double turning_at(std::size_t i) const {
+    const Vec2 in = corner(i) - corner(i + legs() - 1), out = corner(i + 1) - corner(i);
+    return std::abs(std::atan2(in.x() * out.y() - in.y() * out.x(), in.dot(out)));
+  }
+  [[nodiscard]] Vec2 place(double depth, std::size_t i) const { return middle_ + std::max(0.0, 1 - depth / depth_) * (corner(i) - middle_); }
+
+  /// Depth so many turns from the beginning.
+  [[nodiscard]] static double depth_after(const std::vector<double>& depths, double turns) {
+    const auto k = std::min(static_cast<std::size_t>(std::max(turns, 0.0)), depths.size() - 1);
+    if (k + 1 == depths.size()) return depths.back();
+    return depths[k] + (turns - static_cast<double>(k)) * (depths[k + 1] - depths[k]);
+  }
+  [[nodiscard]] double depth_at(const std::vector<double>& depths, double turns, std::size_t leg) const {
+    return depth_after(depths, turns + (static_cast<double>(leg) + 0.5) / static_cast<double>(legs()));
+  }
+
+  /// A leg of the turn at this depth, as straight as the next turn's.
+  [[nodiscard]] CentrePath leg_path(double depth, std::size_t i) const {
+    const Turn& turn = turns_[i];
+    const Vec2 from = turn.in(place(depth, i)), to = turn.in(place(depth, i + 1));
+    return centre_path(TurnedBall(ball_, turn), from.y(), from.x(), std::max(to.x(), from.x() + 1e-3), options_.tolerance);
+  }
+
+  /// What a turn leaves beside the next one, all around; x is the way along the outer of the two.
+  struct Turns {
+    double wish_mm = kInfinity;
+    bool content = true;
+    SpacedPasses pieces;
+  };
+  struct LegStations {
+    std::vector<Station> stations;
+    double highest = 0;
+  };
+  [[nodiscard]] LegStations left_on(double outer, double inner, std::size_t i) const {
+    LegStations result;
+    const CentrePath a = leg_path(inner, i), b = leg_path(outer, i);
+    if (b.y - a.y < 1e-6) return result;
+    result.stations = spacers_[i].leftover(a, b, -kInfinity, kInfinity);
+    for (Station& s : result.stations) {
+      s.cusp *= farther_[i] * farther_[i];
+      result.highest = std::max(result.highest, s.cusp);
+    }
+    return result;
+  }
+
+  [[nodiscard]] std::vector<Turns> look(const std::vector<double>& depths, bool placed, const Monitor& monitor) const {
+    std::vector<Turns> result(depths.size() - 1);
+    Spacer::in_groups(result.size(), monitor, [&](std::size_t k) {
+      const double spacing = depths[k + 1] - depths[k];
+      std::vector<Station> around;
+      std::vector<double> highest;
+      double along = 0;
+      for (std::size_t i = 0; i < legs(); ++i) {
+        const double outer = placed ? depth_at(depths, static_cast<double>(k), i) : depths[k];
+        const double inner = placed ? depth_at(depths, static_cast<double>(k) + 1, i) : depths[k + 1];
+        const LegStations leg = left_on(outer, inner, i);
+        highest.push_back(leg.highest);
+        const double begin = leg.stations.empty() ? 0 : leg.stations.front().x;
+        for (Station s : leg.stations) {
+          s.x += along - begin;
+          around.push_back(s);
+        }
+        along += (place(outer, i + 1) - place(outer, i)).norm();
+      }
+      const double least = kLeastOfFlat * spacers_.front().flat_mm();
+      result[k].wish_mm = std::max(spacers_.front().cheapest(around, spacing, kAim * options_.cusp_mm), least);
+      if (!placed) return;
+      result[k].content = spacers_.front().cheapest(around, spacing, options_.cusp_mm) >= spacing || spacing <= least * 1.0001;
+      settle(depths, static_cast<double>(k), static_cast<double>(k) + 1, 0, legs(), result[k].pieces);
+    });
+    return result;
+  }
+
+  /// Pieces of turns between these two, on legs [first, end), until every reachable place is within the limit or they lie too close.
+  void settle(const std::vector<double>& depths, double outer_turns, double inner_turns, std::size_t first, std::size_t end, SpacedPasses& result) const {
+    std::vector<bool> above(end - first);
+    for (std::size_t i = first; i < end; ++i) {
+      const double outer = depth_at(depths, outer_turns, i), inner = depth_at(depths, inner_turns, i);
+      const LegStations leg = left_on(outer, inner, i);
+      const bool may_divide = (inner - outer) / 2 >= kInfillLeastOfFlat * spacers_.front().flat_mm();
+      above[i - first] = may_divide && leg.highest > options_.cusp_mm;
+      if (above[i - first]) continue;
+      result.highest_cusp_mm = std::max(result.highest_cusp_mm, leg.highest);
+      for (const Station& s : leg.stations) {
+        if (s.cusp > options_.cusp_mm) result.above_limit_mm2 += s.length * std::min(s.width, inner - outer);
+      }
+    }
+    const double middle_turns = (outer_turns + inner_turns) / 2;
+    for (std::size_t i = first; i < end; ++i) {
+      if (!above[i - first]) continue;
+      std::size_t last = i;
+      double gap = 0;
+      for (std::size_t m = i + 1; m < end && gap < kInfillMergeMm; ++m) {
+        if (above[m - first]) last = m, gap = 0;
+        gap += (place(depth_at(depths, middle_turns, m), m + 1) - place(depth_at(depths, middle_turns, m), m)).norm();
+      }
+      std::vector<Vec2> line;
+      for (std::size_t m = i; m <= last + 1; ++m) line.push_back(place(depth_after(depths, middle_turns + static_cast<double>(m) / static_cast<double>(legs())), m));
+      std::vector<CentrePath> piece = centre_paths_along(ball_, line, options_.tolerance);
+      result.paths.insert(result.paths.end(), std::make_move_iterator(piece.begin()), std::make_move_iterator(piece.end()));
+      ++result.infill_pieces;
+      settle(depths, outer_turns, middle_turns, i, last + 1, result);
+      settle(depths, middle_turns, inner_turns, i, last + 1, result);
+      i = last;
+    }
+  }
+
+  /// The whole way; legs that are short and hardly turn become one.
+  [[nodiscard]] std::vector<CentrePath> way(const std::vector<double>& depths) const {
+    const double sagitta = 0.01 * spacers_.front().flat_mm();
+    constexpr double kLongestLegMm = 1;
+    std::vector<Vec2> line;
+    std::vector<double> turns;  // to each vertex
+    double turned = 0;
+    const std::size_t count = (depths.size() - 1) * legs();
+    for (std::size_t n = 0; n <= count; ++n) {
+      const double at = static_cast<double>(n) / static_cast<double>(legs());
+      const Vec2 here = place(depth_after(depths, at), n % legs());
+      turned += turning_at(n % legs());
+      const double length = line.empty() ? kLongestLegMm : (here - line.back()).norm();
+      if (n < count && length < kLongestLegMm && length * turned / 8 < sagitta) continue;
+      if (!line.empty() && length < 1e-6) continue;
+      line.push_back(here);
+      turns.push_back(at);
+      turned = 0;
+    }
+    std::vector<CentrePath> paths = centre_paths_along(ball_, line, options_.tolerance);
+    // Back into the groove of the turn before the last one, to lift there.
+    constexpr double kTurnsBack = 2;
+    const auto groove = static_cast<std::size_t>(std::lower_bound(turns.begin(), turns.end(), turns.back() - kTurnsBack) - turns.begin());
+    if (groove + 2 < line.size()) paths.back().after = around_again(line, groove, depths.back() - depths[depths.size() - 2], options_.landing_mm);
+    return paths;
+  }
+
+  const BallContact& ball_;
+  const SpacingOptions& options_;
+  Vec2 middle_;
+  std::vector<Vec2> outermost_;
+  double depth_ = 0;  ///< of the middle, from the leg that is farthest from it
+  std::vector<Turn> turns_;
+  std::vector<Spacer> spacers_;
+  std::vector<double> farther_;
 };
 
 }  // namespace
@@ -755,6 +953,11 @@ SpacedPasses space_passes(const TurnedBall& ball, const SpacingOptions& options,
 
 SpacedPasses space_spiral(const TurnedBall& ball, const SpacingOptions& options, const Box2& around, double begin_y, const Monitor& monitor) {
   return SpiralSpacer(ball, options, around, begin_y).plan(monitor);
+}
+
+SpacedPasses space_outline_spiral(const BallContact& ball, const SpacingOptions& options, const Vec2& middle, const std::vector<Vec2>& outermost,
+                                  const Monitor& monitor) {
+  return OutlineSpiralSpacer(ball, options, middle, outermost).plan(monitor);
 }
 
 }  // namespace lightmill::detail

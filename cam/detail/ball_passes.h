@@ -72,6 +72,12 @@ SpacedPasses space_passes(const TurnedBall& ball, const SpacingOptions& options,
 /// slowly; where a short stretch asks for much closer turns there are pieces after the spiral.
 SpacedPasses space_spiral(const TurnedBall& ball, const SpacingOptions& options, const Box2& around, double begin_y, const Monitor& monitor);
 
+/// A spiral from a closed line to its middle, in one go: `outermost`, clockwise from its farthest place from `middle` on, and smaller
+/// and smaller turns that are like it. They are as far from each other as the cusp allows all around, and their distance changes slowly;
+/// where a short stretch asks for much closer turns there are pieces of them after the spiral.
+SpacedPasses space_outline_spiral(const BallContact& ball, const SpacingOptions& options, const Vec2& middle, const std::vector<Vec2>& outermost,
+                                  const Monitor& monitor);
+
 /// Stepover on a plane along the passes, from the cusp: s = 2 sqrt(h (2 R - h)).
 double flat_stepover_mm(double radius_mm, double cusp_mm);
 

@@ -155,6 +155,108 @@ TEST(Spiral, GoesFromTheOutsideInWithoutALift) {
   EXPECT_LT(area, -12 * size.prod());
 }
 
+struct OutlineCase {
+  const char* name;
+  Outline outline;
+  double most_wasted;  ///< of the way that even passes would take
+};
+
+Outline disk(double diameter_mm) { return {Outline::Shape::kDisk, {diameter_mm, diameter_mm}, {}}; }
+
+/// Three lobes, or five, with bays between them.
+Outline lobes(int count, double radius_mm, double depth) {
+  Outline outline;
+  outline.shape = Outline::Shape::kLoop;
+  for (int k = 0; k < 180; ++k) {
+    const double angle = 2 * kPi * k / 180, r = radius_mm * (1 + depth * std::cos(count * angle + 0.3));
+    outline.loop_mm.emplace_back(r * std::cos(angle), 0.9 * r * std::sin(angle));
+  }
+  return outline;
+}
+
+class OutlineSpiral : public ::testing::TestWithParam<OutlineCase> {};
+
+TEST_P(OutlineSpiral, CoversTheLensInOneGoWithNoCuspAboveTheLimit) {
+  const Outline& outline = GetParam().outline;
+  const SplineSurface s = faded_outside(hills({8, 8}), outline, 1);
+  const Blank blank{{30, 28}, s.highest() + 0.4};
+  FinishOptions options;
+  options.strategy = Strategy::kSpiral;
+  options.outline = outline;
+  options.axis = AxisPolicy::kVertical;
+  const ToolPath path = plan_finishing(s, blank, ball(), options);
+  EXPECT_EQ(path.above_limit_mm2, 0);
+
+  // No lift, clockwise, and from the outside in: every turn is within the one before.
+  std::size_t first = 0, last = 0;
+  double area = 0, way = 0;
+  for (std::size_t k = 1; k < path.moves.size(); ++k) {
+    if (!cuts(path.moves[k])) continue;
+    if (first == 0) first = k;
+    last = k;
+  }
+  for (std::size_t k = first; k <= last; ++k) {
+    ASSERT_TRUE(cuts(path.moves[k])) << k << ": lifts";
+    const Vec3 a = centre(path, k - 1), b = centre(path, k);
+    area += (a.x() * b.y() - b.x() * a.y()) / 2;
+    way += (b - a).norm();
+  }
+  EXPECT_LT(area, -10 * outline.area_mm2());
+  EXPECT_LT(centre(path, last).head<2>().norm(), 1);
+  EXPECT_LT(way, GetParam().most_wasted * outline.area_mm2() / path.stepover_mm);
+
+  const SweptBall swept(path);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> u(-1, 1);
+  double most = 0, least = 0;
+  Vec2 where = Vec2::Zero();
+  const std::vector<Vec2> border = outline_places(outline, 0.1);
+  for (int k = 0; k < 20000; ++k) {
+    Vec2 p(4 * u(random), 4 * u(random));
+    if (k % 4 == 0) p = border[k % border.size()];
+    if (k % 4 == 1) p *= 0.1;  // where turns are small
+    if (k % 4 != 0 && !outline.contains(p)) continue;
+    const double left = swept.left_mm({p.x(), p.y(), s.height(p.x(), p.y())});
+    if (left > most) most = left, where = p;
+    least = std::min(least, left);
+  }
+  EXPECT_LE(most, 1.3e-3 + 2e-5) << "at " << where.transpose();
+  EXPECT_GT(most, 1.1e-3) << "closer than needed";
+  EXPECT_GE(least, -5e-5);
+
+  // It lands outside, and lifts in its own groove.
+  const test::LandingCut landing = test::landing_cut(s, path, 0, [&](const Vec2& p) { return outline.contains(p); });
+  EXPECT_EQ(landing.arcs, 1);
+  EXPECT_LE(landing.most_mm, test::kLandingCutMm) << landing.where.transpose();
+}
+
+INSTANTIATE_TEST_SUITE_P(Outlines, OutlineSpiral,
+                         ::testing::Values(OutlineCase{"disk", disk(6), 2.2}, OutlineCase{"three_lobes", lobes(3, 2.7, 0.25), 4},
+                                           OutlineCase{"five_lobes", lobes(5, 3, 0.15), 4}),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+TEST(SpiralInADisk, OverACreaseLeavesNoCuspWhereTheBallReaches) {
+  const Outline outline = disk(5);
+  const SplineSurface s = faded_outside(spline_of(Box2::centred({5, 5}), 50, 50, [](double x, double y) { return 12 + 0.2 * std::abs(0.9 * x + 0.43 * y - 0.6); }), outline, 1);
+  FinishOptions options;
+  options.strategy = Strategy::kSpiral;
+  options.outline = outline;
+  options.axis = AxisPolicy::kVertical;
+  const ToolPath path = plan_finishing(s, {{20, 20}, s.highest() + 0.4}, ball(), options);
+  const SweptBall swept(path);
+  std::mt19937 random(8);
+  std::uniform_real_distribution<double> u(-2.5, 2.5);
+  const double border = 2 * std::sin(std::atan(0.2)) + 0.02;
+  for (int k = 0; k < 15000; ++k) {
+    const Vec2 p(u(random), u(random));
+    if (!outline.contains(p)) continue;
+    const double left = swept.left_mm({p.x(), p.y(), s.height(p.x(), p.y())});
+    EXPECT_GE(left, -5e-5);
+    const bool reachable = std::abs(0.9 * p.x() + 0.43 * p.y() - 0.6) / std::hypot(0.9, 0.43) > border;
+    EXPECT_LE(left, reachable ? 1.3e-3 + 3e-5 : 1) << p.transpose();
+  }
+}
+
 TEST(Spiral, OverACreaseLeavesNoCuspWhereTheBallReaches) {
   const Vec2 size(6, 5);
   const SplineSurface s = spline_of(Box2::centred(size), 60, 50, [](double x, double y) { return 12 + 0.2 * std::abs(0.9 * x + 0.43 * y - 0.6); });
