@@ -67,6 +67,9 @@ double distance(const CentrePath& path, std::size_t hint, const Vec3& q) {
   return std::sqrt(best + dy * dy);
 }
 
+/// The x of the lens's middle, in the ball's axes.
+double middle_of(const TurnedBall& ball) { return ball.turn().in(ball.ball().surface().extent().centre()).x(); }
+
 /// What two neighbouring paths leave at one place along them.
 struct Station {
   double x = 0;
@@ -268,8 +271,9 @@ class Spacer {
         x = a.points[i++].x;
       else
         x = b.points[j++].x;
-      if (x >= low && x <= high && (xs.empty() || x - xs.back() > kStationMm)) xs.push_back(x);
+      if (x >= low && x <= high) xs.push_back(x);
     }
+    thin(xs);
     // Where the ball touches from each path; where a contact goes far between stations, more of them.
     struct Touch {
       double x;
@@ -334,6 +338,15 @@ class Spacer {
       stations.push_back(station);
     }
     return stations;
+  }
+
+  /// Growing places without those too near to one that is nearer to the lens's middle.
+  void thin(std::vector<double>& xs) const {
+    const auto half = std::lower_bound(xs.begin(), xs.end(), middle_of(ball_));
+    const auto near = [](double a, double b) { return std::abs(a - b) <= kStationMm; };
+    const auto end = std::unique(half, xs.end(), near);
+    const auto begin = std::unique(std::make_reverse_iterator(half), xs.rend(), near).base();
+    xs = std::vector<double>(begin, end);
   }
 
   /// The spacing at which no station's cusp is above `aim`; or a wider one, with infill for the discontent, where that
@@ -890,6 +903,44 @@ class OutlineSpiralSpacer {
   std::vector<double> farther_;
 };
 
+/// Vertices from one x to another, either way.
+std::vector<PathPoint> vertices_towards(const TurnedBall& ball, double y, double from_x, double to_x, const PathTolerance& tolerance) {
+  const double sense = to_x < from_x ? -1 : 1;
+  Contact resting = ball.at(from_x, y);
+  std::vector<PathPoint> points = {{from_x, resting.z, resting.point}};
+  double step = tolerance.longest_mm;
+  while (points.back().x != to_x) {
+    const PathPoint here = points.back();
+    const double rest = sense * (to_x - here.x);
+    const double slope = resting.slope.x();  // of the exact centre path
+    step = std::clamp(step, tolerance.shortest_mm, tolerance.longest_mm);
+    PathPoint next;
+    double error = 0;  // as a multiple of the tolerance
+    while (true) {
+      // No sliver at the end.
+      double length = step;
+      const bool arrives = length > rest - 1e-9;
+      if (arrives)
+        length = rest;
+      else if (1.5 * length > rest)
+        length = rest / 2;
+      const double x = arrives ? to_x : here.x + sense * length;
+      resting = ball.at(x, y);
+      next = {x, resting.z, resting.point};
+      const double chord = sense * (next.z - here.z) / length;
+      const double bend = std::max(std::abs(slope - chord), std::abs(resting.slope.x() - chord));
+      // A parabola of that end slope stands length * bend / 4 above its chord, measured across it a little less.
+      error = std::max(bend * length / 4 / tolerance.chord_mm / std::sqrt(1 + chord * chord), bend / tolerance.slope);
+      // The last length may be longer than the shortest step, by rounding.
+      if (error <= 1 || step <= tolerance.shortest_mm) break;
+      step = std::max(tolerance.shortest_mm, length * std::clamp(0.95 / std::sqrt(error), 0.2, 0.9));
+    }
+    points.push_back(next);
+    step = std::abs(next.x - here.x) * std::clamp(0.93 / std::sqrt(std::max(error, 1e-3)), 0.5, 3.0);
+  }
+  return points;
+}
+
 }  // namespace
 
 double flat_stepover_mm(double radius_mm, double cusp_mm) {
@@ -900,36 +951,13 @@ CentrePath centre_path(const TurnedBall& ball, double y, double from_x, double t
   CentrePath path;
   path.turn = ball.turn();
   path.y = y;
-  Contact resting = ball.at(from_x, y);
-  path.points.push_back({from_x, resting.z, resting.point});
-  double step = tolerance.longest_mm;
-  while (path.points.back().x < to_x) {
-    const PathPoint& here = path.points.back();
-    const double slope = resting.slope.x();  // of the exact centre path
-    step = std::clamp(step, tolerance.shortest_mm, tolerance.longest_mm);
-    PathPoint next;
-    double error = 0;  // as a multiple of the tolerance
-    while (true) {
-      // No sliver at the end.
-      double length = step;
-      if (here.x + length > to_x - 1e-9)
-        length = to_x - here.x;
-      else if (here.x + 1.5 * length > to_x)
-        length = (to_x - here.x) / 2;
-      resting = ball.at(here.x + length, y);
-      next = {here.x + length, resting.z, resting.point};
-      if (length == to_x - here.x) next.x = to_x;
-      const double chord = (next.z - here.z) / length;
-      const double bend = std::max(std::abs(slope - chord), std::abs(resting.slope.x() - chord));
-      // A parabola of that end slope stands length * bend / 4 above its chord, measured across it a little less.
-      error = std::max(bend * length / 4 / tolerance.chord_mm / std::sqrt(1 + chord * chord), bend / tolerance.slope);
-      // The last length may be longer than the shortest step, by rounding.
-      if (error <= 1 || step <= tolerance.shortest_mm) break;
-      step = std::max(tolerance.shortest_mm, length * std::clamp(0.95 / std::sqrt(error), 0.2, 0.9));
-    }
-    step = (next.x - here.x) * std::clamp(0.93 / std::sqrt(std::max(error, 1e-3)), 0.5, 3.0);
-    path.points.push_back(next);
-  }
+  to_x = std::max(from_x, to_x);
+  // From the middle of the lens outwards, so that a mirrored part, or one elsewhere in its blank, gets the same vertices.
+  const double middle_x = std::clamp(middle_of(ball), from_x, to_x);
+  path.points = vertices_towards(ball, y, middle_x, from_x, tolerance);
+  std::reverse(path.points.begin(), path.points.end());
+  const std::vector<PathPoint> on = vertices_towards(ball, y, middle_x, to_x, tolerance);
+  path.points.insert(path.points.end(), on.begin() + 1, on.end());
   path.points.shrink_to_fit();
   return path;
 }
@@ -941,8 +969,11 @@ std::vector<CentrePath> centre_paths_along(const BallContact& ball, const std::v
     if (length < 1e-9) continue;
     const TurnedBall turned(ball, {(line[k] - line[k - 1]) / length});
     const Vec2 from = turned.turn().in(line[k - 1]);
-    paths.push_back(centre_path(turned, from.y(), from.x(), from.x() + length, tolerance));
-    paths.back().joined = paths.size() > 1;
+    CentrePath& path = paths.emplace_back();
+    path.turn = turned.turn();
+    path.y = from.y();
+    path.joined = paths.size() > 1;
+    path.points = vertices_towards(turned, from.y(), from.x(), from.x() + length, tolerance);
   }
   return paths;
 }

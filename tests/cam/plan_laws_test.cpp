@@ -410,9 +410,8 @@ TEST(Plans, OfAMirroredJobAreMirroredAndOfAShiftedOneShifted) {
   const Box2 here = Box2::centred(size);
   const SplineSurface s = surface(here, f);
   const ToolPath path = planned(s, 0);
-  // Vertices run along +X from the blank's side whatever the mirror, and the spacing is judged at vertices: it agrees to a
-  // few per cent of itself.
-  constexpr double kMirroredMm = 0.01;
+  // Ways, not moves: in a mirror passes still run along +X, from -y to +y, leaning to the same side (climb milling).
+  constexpr double kMirroredMm = 1e-6;
   const auto mirrored = [&](double sx, double sy) { return planned(surface(here, [&](double x, double y) { return f(sx * x, sy * y); }), 0); };
   expect_same_ways(path, s, mirrored(-1, 1), 3.9, {-1, 1}, {0, 0, 0}, kMirroredMm);
   expect_same_ways(path, s, mirrored(1, -1), 3.9, {1, -1}, {0, 0, 0}, kMirroredMm);
