@@ -28,6 +28,7 @@ constexpr int kMostRounds = 4;         ///< of placing passes
 constexpr double kInfillSaves = 0.25;   ///< share of the path that infill must save, for its borders show in the light
 constexpr double kInfillLeastOfFlat = 1.0 / 16;
 constexpr double kInfillGrowMm = 0.6;  ///< an infill piece starts before and ends after the stretch that asks for it
+constexpr double kSagittaOfFlat = 0.01;  ///< of legs of a spiral that become one
 constexpr double kInfillMergeMm = 12;  ///< pieces nearer than this become one: two ways out of the groove and back are longer
 
 /// Squared distance in the plane of a path from (x, z) to the segment between two vertices.
@@ -717,10 +718,11 @@ class OutlineSpiralSpacer {
       depth_ = std::max(depth_, turns_.back().in(corner(i) - middle_).y());
       spacers_.emplace_back(TurnedBall(ball, turns_.back()), options);
     }
-    // Half-way between two corners of this turning angle it is so much farther to the nearest way than half the spacing.
+    // Half-way between two corners of this turning angle it is so much farther to the nearest way than half the spacing, and legs
+    // that become one stand away from their places.
     for (std::size_t i = 0; i < legs(); ++i) {
       const double turning = std::max(turning_at(i), turning_at(i + 1));
-      farther_.push_back(2 / (1 + std::cos(turning / 2)));
+      farther_.push_back(2 / (1 + std::cos(turning / 2)) + kSagittaOfFlat);
     }
   }
 
@@ -868,21 +870,24 @@ class OutlineSpiralSpacer {
 
   /// The whole way; legs that are short and hardly turn become one.
   [[nodiscard]] std::vector<CentrePath> way(const std::vector<double>& depths) const {
-    const double sagitta = 0.01 * spacers_.front().flat_mm();
     constexpr double kLongestLegMm = 1;
+    const double sagitta = kSagittaOfFlat * spacers_.front().flat_mm();
+    const std::size_t count = (depths.size() - 1) * legs();
+    const auto turns_at = [this](std::size_t n) { return static_cast<double>(n) / static_cast<double>(legs()); };
+    const auto place_at = [&](std::size_t n) { return place(depth_after(depths, turns_at(n)), n % legs()); };
     std::vector<Vec2> line;
     std::vector<double> turns;  // to each vertex
     double turned = 0;
-    const std::size_t count = (depths.size() - 1) * legs();
     for (std::size_t n = 0; n <= count; ++n) {
-      const double at = static_cast<double>(n) / static_cast<double>(legs());
-      const Vec2 here = place(depth_after(depths, at), n % legs());
-      turned += turning_at(n % legs());
-      const double length = line.empty() ? kLongestLegMm : (here - line.back()).norm();
-      if (n < count && length < kLongestLegMm && length * turned / 8 < sagitta) continue;
-      if (!line.empty() && length < 1e-6) continue;
+      if (n > 0 && n < count) {
+        turned += turning_at(n % legs());
+        const double length = (place_at(n + 1) - line.back()).norm();
+        if (length < kLongestLegMm && length * turned / 8 < sagitta) continue;
+      }
+      const Vec2 here = place_at(n);
+      if (!line.empty() && (here - line.back()).norm() < 1e-6) continue;
       line.push_back(here);
-      turns.push_back(at);
+      turns.push_back(turns_at(n));
       turned = 0;
     }
     std::vector<CentrePath> paths = centre_paths_along(ball_, line, options_.tolerance);
