@@ -113,15 +113,25 @@ void write_toolpath_picture(const std::filesystem::path& path, const ToolPath& t
   for (int y = static_cast<int>(pixel({0, half.y(), 0}).y()); y < pixel({0, -half.y(), 0}).y(); ++y) {
     for (int x = static_cast<int>(pixel({-half.x(), 0, 0}).x()); x < pixel({half.x(), 0, 0}).x(); ++x) canvas.set(x, y, {0.93, 0.94, 0.95});
   }
-  // Passes start at a link or rapid; draw every k-th, so that lines stay 4 pixels apart.
+  // Passes start at a link or rapid, a spiral's turns where the last one is full; draw every k-th, so that lines stay 4 pixels apart.
   const double spacing = std::max(tool_path.stepover_mm * scale, 1e-3);
   const int every = std::max(1, static_cast<int>(std::ceil(4 / spacing)));
   int pass = 0;
   MoveKind before = MoveKind::kRapid;
+  Vec2 heading(1, 0);
+  double turned = 0;
   for (std::size_t i = 1; i < tool_path.moves.size(); ++i) {
     const Move& move = tool_path.moves[i];
     const bool cut = move.kind == MoveKind::kCut || move.kind == MoveKind::kPlunge;
-    if (cut && before != MoveKind::kCut && before != MoveKind::kPlunge) ++pass;
+    const Vec2 way = (place(move) - place(tool_path.moves[i - 1])).head<2>();
+    if (cut && way.norm() > 1e-9) {
+      turned += std::atan2(heading.x() * way.y() - heading.y() * way.x(), heading.dot(way));
+      heading = way;
+    }
+    if ((cut && before != MoveKind::kCut && before != MoveKind::kPlunge) || std::abs(turned) > 2 * kPi) {
+      ++pass;
+      turned = 0;
+    }
     before = move.kind;
     if (pass % every != 0) continue;
     const Vec2 a = pixel(place(tool_path.moves[i - 1]));
