@@ -719,10 +719,10 @@ class OutlineSpiralSpacer {
       spacers_.emplace_back(TurnedBall(ball, turns_.back()), options);
     }
     // Half-way between two corners of this turning angle it is so much farther to the nearest way than half the spacing, and legs
-    // that become one stand away from their places.
+    // that become one stand away from their places, on either side.
     for (std::size_t i = 0; i < legs(); ++i) {
       const double turning = std::max(turning_at(i), turning_at(i + 1));
-      farther_.push_back(2 / (1 + std::cos(turning / 2)) + kSagittaOfFlat);
+      farther_.push_back(2 / (1 + std::cos(turning / 2)) + 2 * kSagittaOfFlat);
     }
   }
 
