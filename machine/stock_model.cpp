@@ -13,6 +13,7 @@
 #include "design/core/text.h"
 #include "machine/detail/fault_picture.h"
 #include "machine/detail/stock_field.h"
+#include "machine/detail/stock_peaks.h"
 #include "machine/detail/stock_tool.h"
 #include "machine/detail/swept_body.h"
 
@@ -693,7 +694,7 @@ MachinedSurface StockModel::surface() const {
   surface.extent = impl_->field.extent();
   surface.pitch_mm = impl_->field.pitch_mm();
   surface.heights_mm = impl_->field.heights();
-  StockField::Peaks peaks = impl_->field.peaks();
+  RidgePeaks peaks = ridge_peaks(impl_->field);
   surface.peaks_mm = std::move(peaks.heights_mm);
   surface.peak_offsets = std::move(peaks.offsets);
   surface.removed_mm3 = impl_->field.removed_mm3();

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <string>
 
 #include "design/core/errors.h"
@@ -13,7 +12,7 @@ namespace lightmill {
 
 namespace {
 constexpr double kMostNodes = 4e8;  ///< 3.2 GB of heights and makers
-/// Slack of the tests that leave out tiles, over all rounding in them.
+/// Slack of the tests that leave out what leaning cutters cannot reach, over all rounding in them.
 constexpr double kSlack_mm = 1e-7;
 }  // namespace
 
@@ -114,40 +113,10 @@ void StockField::visit_tile(const Sweep& sweep, int ti, int tj, double below, Vi
     }
     return;
   }
-  const double dx = centre.x() - sweep.from.x();
-  const double dy = centre.y() - sweep.from.y();
+  const auto slab = sweep.slab_over(centre, Vec2(half, half), below);
+  if (!slab) return;
   const double ax = sweep.along_x;
   const double ay = sweep.along_y;
-  const double s = dx * ax + dy * ay;
-  const double u = std::abs(dy * ax - dx * ay);
-  const double spread = half * (std::abs(ax) + std::abs(ay)) + kSlack_mm;  // of s and of u over the tile
-  const double nearest = std::max(0.0, u - spread);
-  const double radius = sweep.radius_mm;
-  if (nearest >= radius) return;
-
-  double first = -kNothing;
-  double last = kNothing;
-  if (!sweep.whole) {
-    // The slab beside the motion, shifted to where a climbing ball touches, and the wedge behind its start.
-    const double r_most = std::sqrt(radius * radius - nearest * nearest);
-    const double farthest = u + spread;
-    const double r_least = farthest < radius ? std::sqrt(radius * radius - farthest * farthest) : 0.0;
-    const double shift_a = r_most * sweep.sine;
-    const double shift_b = r_least * sweep.sine;
-    first = std::min(shift_a, shift_b) - sweep.back_mm - kSlack_mm;
-    last = std::max(shift_a, shift_b) + sweep.length_mm + kSlack_mm;
-    if (sweep.shape == Sweep::Shape::kMill) {
-      first = -sweep.back_mm - kSlack_mm;
-      last = sweep.length_mm + kSlack_mm;
-    }
-    if (s + spread < first || s - spread > last) return;
-  }
-  const double behind = std::max({0.0, -(s + spread), s - spread - sweep.length_mm});
-  const double distance2 = nearest * nearest + behind * behind;
-  // Heights are stored as float: what would be stored is what must be lower (a floor that is already milled is not).
-  if (distance2 >= radius * radius) return;
-  if (static_cast<float>(sweep.least_height(std::sqrt(distance2))) >= below) return;
-
   for (int j = j_begin; j < j_end; ++j) {
     const double node_y = y(j);
     int from = i_begin;
@@ -155,8 +124,8 @@ void StockField::visit_tile(const Sweep& sweep, int ti, int tj, double below, Vi
     if (!sweep.whole && std::abs(ax) > 0.1) {
       // s grows by ax per mm of x along the row: the part of the row inside [first, last].
       const double offset = (node_y - sweep.from.y()) * ay;
-      double x_a = sweep.from.x() + (first - offset) / ax;
-      double x_b = sweep.from.x() + (last - offset) / ax;
+      double x_a = sweep.from.x() + (slab->first - offset) / ax;
+      double x_b = sweep.from.x() + (slab->last - offset) / ax;
       if (x_a > x_b) std::swap(x_a, x_b);
       const double a = (x_a - extent_.min.x()) / pitch_mm_;
       const double b = (x_b - extent_.min.x()) / pitch_mm_;
@@ -187,6 +156,20 @@ float StockField::highest_node_of_tile(int ti, int tj) const {
   return *std::max_element(most, most + kTileNodes);
 }
 
+namespace {
+
+/// Whether a node counts as made by `witness`, which comes down to `height`, rather than by who made it before. A mill's floor has
+/// no ridges; a ball's side goes over into the ball, and is found by steps: nearer to a ball than this it is the ball.
+bool makes(std::uint32_t witness, float height, std::uint32_t before, float height_before) {
+  constexpr float kSame_mm = 2e-6F;
+  if (witness == kMilled) return height <= height_before;
+  if (is_ball(witness) && before == kSide) return height < height_before + kSame_mm;
+  if (witness == kSide && is_ball(before)) return height < height_before - kSame_mm;
+  return height < height_before;
+}
+
+}  // namespace
+
 void StockField::cut_tile_row(std::span<const Sweep> sweeps, std::span<const Maker> order, int tj) {
   Grid<float>& level = pyramid_.front();
   const double bottom = y(tj * kTileNodes);
@@ -201,9 +184,9 @@ void StockField::cut_tile_row(std::span<const Sweep> sweeps, std::span<const Mak
       bool lowered = false;
       visit_tile(sweep, ti, tj, below, [&](std::size_t node, int, int, double height) {
         const float value = static_cast<float>(std::max(height, 0.0));
+        if (makes(maker.witness, value, makers_.values[node], heights_.values[node])) makers_.values[node] = maker.witness;
         if (value < heights_.values[node]) {
           heights_.values[node] = value;
-          makers_.values[node] = maker.witness;
           lowered = true;
         }
       });
@@ -219,10 +202,10 @@ void StockField::cut(std::span<const Sweep> sweeps) {
   for (std::size_t k = 0; k < sweeps.size(); ++k) {
     reach.include(sweeps[k].reach.min);
     reach.include(sweeps[k].reach.max);
-    order[k] = {static_cast<std::uint32_t>(k), kNotABall};
+    order[k] = {static_cast<std::uint32_t>(k), sweeps[k].from_height_mm > 0 ? kSide : kMilled};
     if (sweeps[k].shape == Sweep::Shape::kBall) {
       order[k].witness = static_cast<std::uint32_t>(witnesses_.size());
-      witnesses_.push_back({sweeps[k].from, sweeps[k].to, sweeps[k].radius_mm});
+      witnesses_.push_back({sweeps[k].from, sweeps[k].to, sweeps[k].radius_mm, sweeps[k].whole ? kNothing : sweeps[k].back_mm});
     }
   }
   // A mill that goes down lowers its whole footprint with every motion: the lowest motion first leaves nothing to the
@@ -289,113 +272,6 @@ double StockField::removed_mm3() const {
   for (const double row : rows) sum += row;
   sum -= (rows.front() + rows.back()) / 2;
   return std::max(0.0, sum) * pitch_mm_ * pitch_mm_;
-}
-
-namespace {
-
-/// Two surfaces meet where their heights differ by no more than this.
-constexpr double kMeeting_mm = 2e-6;
-
-/// Where two balls' surfaces meet, nearest to a node and in its cell.
-struct Ridge {
-  double x = 0, y = 0;  ///< from the node
-  double height = 0;
-  double slope_x = 0, slope_y = 0;  ///< mean of both surfaces there
-};
-
-/// Newton from the node: on both planes, which rise from their mean by -+ k, the surfaces meet where k . d is half the
-/// difference of their heights, nearest at d = k difference / 2 |k|^2.
-std::optional<Ridge> ridge_in_cell(const BallWitness& one, const BallWitness& other, SweptPoint a, SweptPoint b,
-                                   double x, double y, double half) {
-  double at_x = 0;
-  double at_y = 0;
-  for (int round = 0; round < 4; ++round) {
-    if (a.height == kNothing || b.height == kNothing) return std::nullopt;
-    const double kx = (b.slope_x - a.slope_x) / 2;
-    const double ky = (b.slope_y - a.slope_y) / 2;
-    // Smooth joints between motions of one path meet in equal slopes: no ridge.
-    constexpr double kLeastSlope = 5e-5;
-    const double k2 = kx * kx + ky * ky;
-    if (k2 < kLeastSlope * kLeastSlope) return std::nullopt;
-    if (round > 0 && std::abs(a.height - b.height) < kMeeting_mm) {
-      return Ridge{at_x, at_y, std::min(a.height, b.height), (a.slope_x + b.slope_x) / 2, (a.slope_y + b.slope_y) / 2};
-    }
-    const double target = (a.height - b.height) / 2 + kx * at_x + ky * at_y;  // of k . d, d from the node
-    if (std::abs(target) > (std::abs(kx) + std::abs(ky)) * half * (1 + 1e-9)) return std::nullopt;
-    at_x = kx * target / k2;
-    at_y = ky * target / k2;
-    if (std::abs(at_x) > half) {
-      at_x = std::copysign(half, at_x);
-      at_y = ky != 0 ? std::clamp((target - kx * at_x) / ky, -half, half) : 0.0;
-    } else if (std::abs(at_y) > half) {
-      at_y = std::copysign(half, at_y);
-      at_x = kx != 0 ? std::clamp((target - ky * at_y) / kx, -half, half) : 0.0;
-    }
-    a = swept_ball(one.from, one.to, one.radius_mm, x + at_x, y + at_y);
-    b = swept_ball(other.from, other.to, other.radius_mm, x + at_x, y + at_y);
-  }
-  return std::nullopt;
-}
-
-}  // namespace
-
-StockField::Peaks StockField::peaks() const {
-  Peaks peaks{heights_, Grid<PeakOffset>(heights_.width, heights_.height)};
-  const double half = pitch_mm_ / 2;
-  const double step = half / PeakOffset::kMost;
-  const auto steps = [&](double mm) { return static_cast<std::int8_t>(std::lround(mm / step)); };
-  parallel_blocks(heights_.height, 16, [&](std::size_t begin, std::size_t end) {
-    for (int j = static_cast<int>(begin); j < static_cast<int>(end); ++j) {
-      for (int i = 0; i < heights_.width; ++i) {
-        const std::size_t node = heights_.index(i, j);
-        const double own = heights_.values[node];
-        // The balls that made the 3 x 3 nodes around, each once.
-        std::uint32_t makers[9];
-        int count = 0;
-        for (int b = std::max(j - 1, 0); b <= std::min(j + 1, heights_.height - 1); ++b) {
-          for (int a = std::max(i - 1, 0); a <= std::min(i + 1, heights_.width - 1); ++a) {
-            const std::uint32_t maker = makers_.at(a, b);
-            if (maker >= kNotABall) continue;
-            if (std::find(makers, makers + count, maker) == makers + count) makers[count++] = maker;
-          }
-        }
-        if (count < 2) continue;
-        SweptPoint around[9];
-        for (int k = 0; k < count; ++k) {
-          const BallWitness& ball = witnesses_[makers[k]];
-          around[k] = swept_ball(ball.from, ball.to, ball.radius_mm, x(i), y(j));
-        }
-        double highest = own;  // carried to the node along the slope between the surfaces that meet
-        for (int a = 0; a < count; ++a) {
-          for (int b = a + 1; b < count; ++b) {
-            const auto ridge =
-                ridge_in_cell(witnesses_[makers[a]], witnesses_[makers[b]], around[a], around[b], x(i), y(j), half);
-            if (!ridge) continue;
-            // It is one of the part only where no other ball has taken it away.
-            double envelope = ridge->height;
-            for (int k = 0; k < count; ++k) {
-              if (k == a || k == b) continue;
-              const BallWitness& ball = witnesses_[makers[k]];
-              envelope = std::min(
-                  envelope, swept_ball(ball.from, ball.to, ball.radius_mm, x(i) + ridge->x, y(j) + ridge->y).height);
-            }
-            if (envelope < ridge->height - kMeeting_mm) continue;
-            // Where neither of the two made the node, it lies beyond another ridge (two motions of one pass, the node
-            // on the next one's flank): their plane is that much too high over it.
-            const double beyond = std::max(0.0, std::min(around[a].height, around[b].height) - own);
-            const double there = envelope - ridge->slope_x * ridge->x - ridge->slope_y * ridge->y - beyond;
-            if (there <= highest) continue;
-            highest = there;
-            const PeakOffset offset{steps(ridge->x), steps(ridge->y)};
-            peaks.offsets.values[node] = offset;
-            peaks.heights_mm.values[node] = static_cast<float>(envelope + ridge->slope_x * (offset.x * step - ridge->x) +
-                                                               ridge->slope_y * (offset.y * step - ridge->y));
-          }
-        }
-      }
-    }
-  });
-  return peaks;
 }
 
 }  // namespace lightmill

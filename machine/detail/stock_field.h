@@ -13,14 +13,18 @@
 
 namespace lightmill {
 
-/// The motion of a ball that made nodes: all that is needed to evaluate its surface anywhere near them.
+/// A motion of a ball: all that is needed to evaluate its surface anywhere.
 struct BallWitness {
   Vec3 from, to;
   double radius_mm = 0;
+  double back_mm = 0;  ///< as a sweep's; kNothing where its whole footprint counts
 };
 
 inline constexpr std::uint32_t kUncut = 0xFFFFFFFFu;     ///< witness of a node that is still the blank's top
-inline constexpr std::uint32_t kNotABall = 0xFFFFFFFEu;  ///< made by a mill or by the side of a cutter
+inline constexpr std::uint32_t kMilled = 0xFFFFFFFEu;    ///< made by a mill
+inline constexpr std::uint32_t kSide = 0xFFFFFFFDu;      ///< made by the side of a ball's cutter
+/// Whether a node was made by a ball: its witness is an index.
+inline bool is_ball(std::uint32_t witness) { return witness < kSide; }
 inline constexpr int kTileNodes = 16;                    ///< tiles of the finest pyramid level are 16 x 16 nodes
 
 class StockField {
@@ -30,7 +34,7 @@ class StockField {
   void lower_to(const std::function<double(const Vec2&)>& height_mm);
 
   /// Removes what the sweeps cover, on all threads. The least height wins, so neither order nor threads matter; of
-  /// equal heights the first counts as the maker.
+  /// equal heights a mill counts as the maker, then a ball, then its side; else the first.
   void cut(std::span<const Sweep> sweeps);
 
   /// How far a sweep would reach into the stock, without removing anything: the largest height above the swept surface.
@@ -66,19 +70,16 @@ class StockField {
   [[nodiscard]] double pitch_mm() const { return pitch_mm_; }
   [[nodiscard]] const Grid<float>& heights() const { return heights_; }
   [[nodiscard]] double removed_mm3() const;
-  /// Highest points of the cells around the nodes, see MachinedSurface.
-  struct Peaks {
-    Grid<float> heights_mm;
-    Grid<PeakOffset> offsets;
-  };
-  [[nodiscard]] Peaks peaks() const;
+  /// What made each node: an index of witnesses(), kUncut, kMilled or kSide.
+  [[nodiscard]] const Grid<std::uint32_t>& makers() const { return makers_; }
+  [[nodiscard]] const std::vector<BallWitness>& witnesses() const { return witnesses_; }
 
  private:
   template <typename Visit>
   void visit_tile(const Sweep& sweep, int ti, int tj, double below, Visit&& visit) const;
   struct Maker {
     std::uint32_t sweep = 0;
-    std::uint32_t witness = kNotABall;
+    std::uint32_t witness = kMilled;
   };
   void cut_tile_row(std::span<const Sweep> sweeps, std::span<const Maker> order, int tj);
   [[nodiscard]] float highest_node_of_tile(int ti, int tj) const;

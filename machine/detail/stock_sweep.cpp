@@ -9,6 +9,8 @@ namespace lightmill {
 namespace {
 /// Motions shorter than this seen from above are plunges or lifts: their envelope is that of their lower end.
 constexpr double kVerticalMotion_mm = 1e-9;
+/// Slack of the tests that leave out rectangles of nodes, over all rounding in them.
+constexpr double kSlack_mm = 1e-7;
 }  // namespace
 
 Frustum Frustum::grown(double distance_mm) const {
@@ -228,6 +230,38 @@ double Sweep::least_height(double distance_mm) const {
       break;
   }
   return lowest_mm;
+}
+
+std::optional<Sweep::Slab> Sweep::slab_over(const Vec2& centre, const Vec2& half, double below, double beside_mm) const {
+  const double dx = centre.x() - from.x();
+  const double dy = centre.y() - from.y();
+  const double s = dx * along_x + dy * along_y;
+  const double u = std::abs(dy * along_x - dx * along_y);
+  const double s_spread = half.x() * std::abs(along_x) + half.y() * std::abs(along_y) + kSlack_mm;
+  const double u_spread = half.x() * std::abs(along_y) + half.y() * std::abs(along_x) + kSlack_mm;
+  const double nearest = std::max(0.0, u - u_spread);
+  if (nearest >= radius_mm) return std::nullopt;
+
+  Slab slab;
+  if (!whole) {
+    slab = {-back_mm, length_mm};
+    if (shape == Shape::kBall) {
+      // Shifted to where a climbing ball touches.
+      const double r_most = std::sqrt(radius_mm * radius_mm - nearest * nearest);
+      const double farthest = u + u_spread;
+      const double r_least = farthest < radius_mm ? std::sqrt(radius_mm * radius_mm - farthest * farthest) : 0.0;
+      slab.first += std::min(r_most * sine, r_least * sine);
+      slab.last += std::max(r_most * sine, r_least * sine);
+    }
+    slab.first -= beside_mm + kSlack_mm;
+    slab.last += beside_mm + kSlack_mm;
+    if (s + s_spread < slab.first || s - s_spread > slab.last) return std::nullopt;
+  }
+  const double behind = std::max({0.0, -(s + s_spread), s - s_spread - length_mm});
+  const double distance2 = nearest * nearest + behind * behind;
+  // Heights are stored as float: what would be stored is what must be lower (a floor that is already milled is not).
+  if (distance2 >= radius_mm * radius_mm || static_cast<float>(least_height(std::sqrt(distance2))) >= below) return std::nullopt;
+  return slab;
 }
 
 namespace {

@@ -85,6 +85,13 @@ struct Sweep {
   [[nodiscard]] double height(double x, double y, double below = kNothing) const;
   /// No height `distance_mm` or farther from the motion (seen from above) is below this (kBall, kMill).
   [[nodiscard]] double least_height(double distance_mm) const;
+  /// Places along the motion, from its start, between which it may make nodes.
+  struct Slab {
+    double first = -kNothing, last = kNothing;
+  };
+  /// The slab and `beside_mm` more on both sides, if the motion may make nodes of a rectangle that stand below `below` (kBall, kMill):
+  /// a superset of those whose least height along the path is on this motion or on its first vertex.
+  [[nodiscard]] std::optional<Slab> slab_over(const Vec2& centre, const Vec2& half, double below, double beside_mm = 0) const;
 };
 
 /// The wedge parameter `back_mm` for a ball's motion along unit `direction` that follows one along unit `before`.

@@ -59,15 +59,12 @@ inline Written written(const ToolPath& given, MachineModel machine = hostile_mac
   return {shop_on(machine, work), write_program(machine, work, plan_motion(machine, work, path), options).text};
 }
 
-/// A ridge beside the part of a motion that was broken off may be missed, or another one taken: without `lower_peaks` only peaks at
-/// the same place of a node's cell count, and those that are higher.
-inline double worst_um(const MachinedSurface& a, const MachinedSurface& b, bool lower_peaks = true) {
+/// The greatest difference of heights and peaks.
+inline double worst_um(const MachinedSurface& a, const MachinedSurface& b) {
   double worst = 0;
   for (std::size_t i = 0; i < a.heights_mm.values.size(); ++i) {
     worst = std::max(worst, 1000.0 * std::abs(a.heights_mm.values[i] - b.heights_mm.values[i]));
-    if (!lower_peaks && a.peak_offsets.values[i] != b.peak_offsets.values[i]) continue;
-    const double higher = b.peaks_mm.values[i] - a.peaks_mm.values[i];
-    worst = std::max(worst, 1000.0 * (lower_peaks ? std::abs(higher) : higher));
+    worst = std::max(worst, 1000.0 * std::abs(a.peaks_mm.values[i] - b.peaks_mm.values[i]));
   }
   return worst;
 }
@@ -262,7 +259,7 @@ inline ResumeRow resume_row(const ResumeCase& program, const ResumeFault& fault,
       continue;
     }
     ++row.resumed;
-    const double mark_um = worst_um(program.undisturbed, rig.machine.machined(), false);
+    const double mark_um = worst_um(program.undisturbed, rig.machine.machined());
     row.worst_um = std::max(row.worst_um, mark_um);
     if (mark_um > fault.most_um) broken("a mark of " + std::to_string(mark_um) + " um; " + said);
   }

@@ -1,7 +1,9 @@
 #include "machine/stock_model.h"
 
 #include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <random>
@@ -493,6 +495,72 @@ TEST(StockModel, CutsCommuteRepeatAndSplitWithoutChange) {
   }
   pieces.flush();
   EXPECT_LT(largest_difference(once.heights_mm, pieces.surface().heights_mm), 1e-6);
+}
+
+struct Cut {
+  Cutter cutter;
+  Path path;
+};
+
+MachinedSurface cut(const Blank& blank, double pitch, const std::vector<Cut>& cuts) {
+  StockModel model(blank, {pitch, 0});
+  for (const Cut& c : cuts) {
+    model.set_cutter(c.cutter);
+    feed(model, c.path);
+  }
+  model.flush();
+  return model.surface();
+}
+
+double number_between(double least, double most) { return least + (most - least) * *rc::gen::inRange(0, 1000001) / 1e6; }
+
+/// Each a few hundredths of the reach deep, over one plane, so that ridges and rims are everywhere. Most are balls, some lean.
+std::vector<Cut> random_cuts(double reach) {
+  const double climb_x = number_between(-0.4, 0.4), climb_y = number_between(-0.4, 0.4);
+  std::vector<Cut> cuts(*rc::gen::inRange(2, 7));
+  for (Cut& c : cuts) {
+    const double diameter = number_between(1.5, 5);
+    const int shape = *rc::gen::inRange(0, 5);
+    const bool leans = shape < 2, is_ball = shape < 3;
+    c.cutter = is_ball ? ball(diameter) : mill(diameter, shape == 3 ? 0 : diameter / 8);
+    const Vec3 axis = leans ? leaning(25, number_between(0, 360)) : Vec3(Vec3::UnitZ());
+    const int count = *rc::gen::inRange(2, 5);
+    for (int k = 0; k < count; ++k) {
+      const double x = number_between(-reach, reach), y = number_between(-reach, reach);
+      const double lowest = 3 + climb_x * x + climb_y * y - number_between(0, 0.02) * reach;
+      c.path.push_back(pose_of_centre({x, y, lowest + diameter / 2}, diameter / 2, axis));
+    }
+  }
+  return cuts;
+}
+
+RC_GTEST_PROP(StockModel, HeightsAndPeaksKnowNeitherOrderNorRepeatsNorSplits, ()) {
+  const double pitch = *rc::gen::element(0.02, 0.05, 0.2);
+  const Blank blank{{34 * pitch, 27 * pitch}, 5};
+  const std::vector<Cut> cuts = random_cuts(25 * pitch);
+  std::vector<Cut> shuffled = cuts, twice = cuts, split;
+  std::shuffle(shuffled.begin(), shuffled.end(), std::mt19937(*rc::gen::arbitrary<unsigned>()));
+  twice.insert(twice.end(), cuts.begin(), cuts.end());
+  for (const Cut& c : cuts) {
+    split.push_back({c.cutter, {}});
+    for (std::size_t k = 0; k + 1 < c.path.size(); ++k) {
+      for (int part = 0; part < 10; ++part) {
+        split.back().path.push_back({c.path[k].tip_mm + part / 10.0 * (c.path[k + 1].tip_mm - c.path[k].tip_mm), c.path[k].axis});
+      }
+    }
+    split.back().path.push_back(c.path.back());
+  }
+  const MachinedSurface once = cut(blank, pitch, cuts);
+  const auto check = [&](const std::vector<Cut>& others) {
+    const MachinedSurface other = cut(blank, pitch, others);
+    // A sloped mill is placed to 1e-5 mm, on the steep side of its corner.
+    RC_ASSERT(largest_difference(other.heights_mm, once.heights_mm) < 2e-5);
+    RC_ASSERT(largest_difference(other.peaks_mm, once.peaks_mm) < 5e-5);
+    RC_ASSERT(other.peak_offsets.values == once.peak_offsets.values);
+  };
+  check(shuffled);
+  check(twice);
+  check(split);
 }
 
 TEST(StockModel, RapidsThroughStockAreCaughtAndOthersAreNot) {
