@@ -226,6 +226,7 @@ int dry_run_programs(const Common& common, const std::vector<std::string>& progr
 struct ShopOptions {
   std::string machine;
   std::vector<std::string> cutters;
+  std::string material;
   std::string blank;
   std::vector<std::string> keep_outs;
   std::string origin;
@@ -244,6 +245,7 @@ struct ShopOptions {
   void add(CLI::App* app) {
     app->add_option("--machine", machine, "machine file (fixtures/machines/*.toml)");
     app->add_option("--cutters", cutters, "cutter files of the tool magazine");
+    app->add_option("--material", material, "whose cutting data of the cutter files count (default: each file's first by name)");
     app->add_option("--blank", blank, "blank as WIDTHxDEPTHxHEIGHT in mm, e.g. 100x100x14");
     app->add_option("--keep-out", keep_outs, "a clamp or jaw as x0,y0,z0,x1,y1,z1 in mm, workpiece frame; as many as there are");
     app->add_option("--origin", origin, "where the blank's back centre stands, machine frame, x,y,z in mm (default: the table's centre)");
@@ -264,6 +266,7 @@ struct ShopOptions {
         result.cutter_files.push_back(fixtures_folder() / "cutters" / (std::string(name) + ".toml"));
       }
     }
+    result.material = material;
     if (blank.empty()) throw InputError("no blank given; name its size with --blank, for example --blank 100x100x14");
     result.blank = parse_blank(blank);
     for (const std::string& box : keep_outs) result.blank.keep_outs.push_back(parse_keep_out(box));
@@ -387,7 +390,7 @@ int run_command_line(int argc, char** argv) {
     if (dry->count("--work-offset") > 0) overrides.work_offset = shop.work_offset;
     overrides.pace_baud = shop.pace_baud;
     overrides.line_times = shop.line_times;
-    for (const char* option : {"--blank", "--keep-out", "--origin", "--errors", "--pitch-um", "--time-factor"}) {
+    for (const char* option : {"--material", "--blank", "--keep-out", "--origin", "--errors", "--pitch-um", "--time-factor"}) {
       if (dry->count(option) > 0) throw InputError(std::string(option) + " belongs to program files; a run folder's job.toml says it");
     }
     return run_stages(common, programs[0], {Stage::kDryRun}, overrides);

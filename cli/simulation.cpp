@@ -87,6 +87,7 @@ SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrid
                           ? std::vector{job.rough.cutter_file, job.semi_finish.cutter_file, job.finish.cutter_file}
                           : overrides.cutter_files;
   if (job.rest && overrides.cutter_files.empty()) shop.cutter_files.push_back(job.rest->cutter_file);
+  shop.material = material_name(job.stock.material);
   shop.blank.size_mm = Vec2(cam["blank"]["size_mm"][0].get<double>(), cam["blank"]["size_mm"][1].get<double>());
   shop.blank.height_mm = cam["blank"]["height_mm"];
   shop.blank.keep_outs = keep_outs_of(job);
@@ -106,7 +107,7 @@ SimulatedShop shop_of(const Job& job, const RunFolder& folder, const ShopOverrid
 
 OperatorSetup setup_of(const SimulatedShop& shop, const MachineModel& machine) {
   OperatorSetup setup;
-  for (const auto& file : shop.cutter_files) setup.cutters.push_back(as_it_turns(read_cutter(file), shop.errors));
+  for (const auto& file : shop.cutter_files) setup.cutters.push_back(as_it_turns(read_cutter(file, shop.material), shop.errors));
   if (machine.spindle_nose_radius_mm > 0) {
     for (Cutter& cutter : setup.cutters) {
       cutter.holder.push_back({cutter.length_mm, cutter.length_mm + machine.spindle_nose_length_mm, machine.spindle_nose_radius_mm,
@@ -142,6 +143,7 @@ std::vector<std::string> machine_arguments(const SimulatedShop& shop, const fs::
     arguments.emplace_back("--cutters");
     arguments.push_back(file.string());
   }
+  if (!shop.material.empty()) arguments.push_back("--material=" + shop.material);
   for (const KeepOut& box : shop.blank.keep_outs) arguments.push_back("--keep-out=" + numbers(box.min_mm) + "," + numbers(box.max_mm));
   const std::vector<std::string> rest = {
       "--blank=" + compact(shop.blank.size_mm.x(), 6) + "x" + compact(shop.blank.size_mm.y(), 6) + "x" + compact(shop.blank.height_mm, 6),

@@ -27,6 +27,7 @@ inline constexpr std::size_t kMostTimedLines = 100'000;
 struct SimulatedShop {
   std::filesystem::path machine_file;
   std::vector<std::filesystem::path> cutter_files;
+  std::string material;  ///< whose cutting data of the cutter files count; empty: each file's first by name
   Blank blank;
   Vec3 workpiece_origin_mm = Vec3::Zero();  ///< machine frame, joints at zero
   int work_offset = 54;                     ///< the one the operator has zeroed on the workpiece

@@ -7,6 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "cli/job.h"
+#include "cli/run_folder.h"
 #include "command_rig.h"
 
 namespace lightmill {
@@ -73,6 +75,34 @@ TEST(Simulation, APacedRunIsTheSameToTheByteHoweverFastTheClockRuns) {
   EXPECT_EQ(dry_run(scratch, short_moves(), {"--pace-baud", "4800", "--time-factor", "20"}).result, first.result);
   // A second of moves and the greeting, twenty times faster than the wall's clock.
   EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(50));
+}
+
+// The cutters of a shop floor cut at the data of the job's material, also behind the pseudo-terminal.
+TEST(Simulation, ReadsTheCuttersDataForTheJobsMaterial) {
+  const ScratchFolder scratch;
+  std::string text = "[target]\nimage = \"/a/portrait.png\"\n[stock]\nmaterial = \"PVC, clear\"\n";
+  for (const char* pass : {"rough", "semi_finish", "finish"}) {
+    spill(scratch / (std::string(pass) + ".toml"), slurp(fixture("cutters/finish_4mm_ball.toml")) +
+                                                       "[material.PVC]\nspindle_rpm = 20000\nfeed_per_tooth_mm = 0.017\nplunge_feed_mm_per_min = 100\n");
+    text += "[" + std::string(pass) + "]\ncutter = \"" + (scratch / (std::string(pass) + ".toml")).string() + "\"\n";
+  }
+  const Job job = read_job_text(text, "x.toml", "/a");
+  const MachineModel machine = read_machine(job.machine.file);
+  RunFolder folder(scratch / "run", true);
+  folder.finish(Stage::kCam, "", {}, {{"cam", {{"blank", {{"size_mm", {100, 100}}, {"height_mm", 14}}}}}});
+  SimulatedShop shop = shop_of(job, folder);
+  for (const Cutter& cutter : setup_of(shop, machine).cutters) {
+    EXPECT_EQ(cutter.feed_per_tooth_mm, 0.017);
+    EXPECT_EQ(cutter.spindle_rpm, 20000);
+  }
+  EXPECT_THAT(machine_arguments(shop, "link", "out"), testing::Contains("--material=PVC"));
+  shop.material = "";
+  EXPECT_NE(setup_of(shop, machine).cutters[0].feed_per_tooth_mm, 0.017) << "the first by name";
+
+  spill(scratch / "part.nc", short_moves());
+  const CommandResult refused = lightmill_command({"dry-run", (scratch / "part.nc").string(), "--blank", "12x10x5", "--material", "glass", "-o", (scratch / "out").string()});
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.err, testing::AllOf(HasSubstr("'glass'"), HasSubstr("only for PMMA")));
 }
 
 /// Rows of numbers by their heads; the programs' names apart.
