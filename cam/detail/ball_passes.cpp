@@ -14,10 +14,14 @@ namespace lightmill::detail {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kParabola = 0.985;       ///< of the chord tolerance: between its ends a path may bend a little more than a parabola
 constexpr double kReachableMm = 1.1e-4;  ///< closing above the surface by less (0.1 um and a little): reachable
 constexpr double kJumpMm = 2e-4;         ///< of the centre in y, while the contact still moves far: it jumps
 constexpr double kIntoJumpMm = 0.01;     ///< steps into the unreachable from its border
 constexpr double kStationMm = 0.015;     ///< stations nearer than this are one
+constexpr double kEvenMm = 1e-5;         ///< between a place's distances to both paths: the ridge is at most half of that higher
+constexpr int kMostLooks = 4;            ///< for a ridge
+constexpr double kBeyondOfFlat = 0.75;   ///< ridges so far beyond the lens count: half-way from the last contact on it to the next one
 constexpr double kLeastOfFlat = 0.25;    ///< full passes are never nearer than this share of the flat stepover
 constexpr double kMostOfFlat = 2.0;
 constexpr double kSurveyOfFlat = 0.9;  ///< even passes that tell what each place allows
@@ -181,8 +185,8 @@ class Spacer {
   Spacer(const TurnedBall& ball, const SpacingOptions& options)
       : ball_(ball), options_(options), flat_(flat_stepover_mm(options.cutting_radius_mm, options.cusp_mm)) {
     wanted_ = ball.ball().surface().extent();
-    wanted_.min -= Vec2::Constant(2 * flat_);
-    wanted_.max += Vec2::Constant(2 * flat_);
+    wanted_.min -= Vec2::Constant(kBeyondOfFlat * flat_);
+    wanted_.max += Vec2::Constant(kBeyondOfFlat * flat_);
   }
 
   /// What there is between two neighbouring passes.
@@ -309,6 +313,9 @@ class Spacer {
           const int pieces = static_cast<int>(std::ceil(dx / fine));
           for (int m = 1; m < pieces; ++m) touches.push_back(touch_at(last.x + dx * m / pieces, true));
           next = touch_at(x, false);
+        } else {
+          // Chords are up to their tolerance above the path between its vertices, and so is what they leave.
+          touches.push_back({last.x + dx / 2, last.i, last.j, (last.pa + next.pa) / 2, (last.pb + next.pb) / 2});
         }
       }
       touches.push_back(next);
@@ -322,16 +329,7 @@ class Spacer {
       station.length = (touches[std::min(k + 1, touches.size() - 1)].x - touches[k > 0 ? k - 1 : 0].x) / 2;
       station.width = chord.norm();
       station.jump = station.width > 2.2 * spacing;
-      // Half-way, then where both paths leave the same (each leftover grows with the square of the way).
-      if (!station.jump) {
-        const Vec2 half = t.pa + chord / 2;
-        const Left left = left_at(a, t.i, b, t.j, half);
-        const double ra = std::sqrt(std::max(left.a, 1e-9));
-        const double rb = std::sqrt(std::max(left.b, 1e-9));
-        const Vec2 even = t.pa + chord * (rb / (ra + rb));
-        if (is_wanted(half)) station.cusp = std::max(station.cusp, left.cusp());
-        if (is_wanted(even)) station.cusp = std::max(station.cusp, left_at(a, t.i, b, t.j, even).cusp());
-      }
+      if (!station.jump) station.cusp = ridge_between(a, t.i, b, t.j, t.pa, t.pb);
       // A wide way may hold places that no ball reaches.
       if (station.jump || (station.cusp > options_.cusp_mm && station.width > 1.3 * spacing)) {
         station.cusp = Follower(*this, a, t.i, b, t.j, t.x).highest(t.pa, t.pb);
@@ -433,6 +431,33 @@ class Spacer {
     return left;
   }
 
+  /// The cusp on the straight way between two places, highest where both paths leave the same. Looked for from half-way on, so that
+  /// mirrored parts get the same.
+  [[nodiscard]] double ridge_between(const CentrePath& a, std::size_t i, const CentrePath& b, std::size_t j, const Vec2& from, const Vec2& to) const {
+    double highest = 0;
+    double share = 0.5, before = 0, before_uneven = 0;
+    for (int look = 0; look < kMostLooks; ++look) {
+      const Vec2 p = from + share * (to - from);
+      const Left left = left_at(a, i, b, j, p);
+      if (is_wanted(p)) highest = std::max(highest, left.cusp());
+      const double uneven = left.a - left.b;
+      if (std::abs(uneven) < kEvenMm) break;
+      double next = 0;
+      if (look == 0) {
+        // What they leave grows about with the square of the way from their contacts.
+        const double ra = std::sqrt(std::max(left.a, 1e-9)) / share;
+        const double rb = std::sqrt(std::max(left.b, 1e-9)) / (1 - share);
+        next = rb / (ra + rb);
+      } else {
+        next = share - uneven * (share - before) / (uneven - before_uneven);
+      }
+      before = share;
+      before_uneven = uneven;
+      share = std::isfinite(next) ? std::clamp(next, 0.02, 0.98) : 0.5;
+    }
+    return highest;
+  }
+
   /// Highest cusp between two paths at x, by following the contact as the ball goes from one to the other. Everything
   /// it touches is reachable. Where it jumps, a ball rests on two flanks at once, and what is between is reachable only
   /// so far as that ball leaves less than 0.1 um there.
@@ -456,7 +481,7 @@ class Spacer {
     void follow(double y1, const Vec2& p1, double y2, const Vec2& p2) {
       const double width = (p2 - p1).norm();
       if (width <= close_mm_) {
-        consider((p1 + p2) / 2);  // the highest place is where it is as far to one path as to the other, and may be between
+        highest_ = std::max(highest_, spacer_.ridge_between(a_, i_, b_, j_, p1, p2));
         return;
       }
       const double y = (y1 + y2) / 2;
@@ -935,7 +960,7 @@ std::vector<PathPoint> vertices_towards(const TurnedBall& ball, double y, double
       const double chord = sense * (next.z - here.z) / length;
       const double bend = std::max(std::abs(slope - chord), std::abs(resting.slope.x() - chord));
       // A parabola of that end slope stands length * bend / 4 above its chord, measured across it a little less.
-      error = std::max(bend * length / 4 / tolerance.chord_mm / std::sqrt(1 + chord * chord), bend / tolerance.slope);
+      error = std::max(bend * length / 4 / (kParabola * tolerance.chord_mm) / std::sqrt(1 + chord * chord), bend / tolerance.slope);
       // The last length may be longer than the shortest step, by rounding.
       if (error <= 1 || step <= tolerance.shortest_mm) break;
       step = std::max(tolerance.shortest_mm, length * std::clamp(0.95 / std::sqrt(error), 0.2, 0.9));

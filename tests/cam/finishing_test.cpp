@@ -564,7 +564,7 @@ TEST(Landing, OfInfillTakesOffNothing) {
     options.strategy = strategy;
     const ToolPath path = plan_finishing(s, blank_for(s), finishing_ball(), options);
     const test::LandingCut cut = test::landing_cut(s, path, 0.05, [&](const Vec2& p) { return s.extent().contains(p); });
-    EXPECT_GT(cut.arcs, 2) << "nothing to look at";
+    EXPECT_GT(cut.arcs, strategy == Strategy::kSpiral ? 0 : 2) << "nothing to look at";  // a spiral may do without pieces
     EXPECT_LE(cut.most_mm, test::kLandingCutMm) << "at " << cut.where.transpose();
   }
 }

@@ -6,6 +6,7 @@
 #include <numeric>
 #include <random>
 
+#include "cam/finishing.h"
 #include "design/core/errors.h"
 #include "design/core/parallel.h"
 
@@ -236,6 +237,32 @@ TEST(Deviation, OfAMilledHollowIsItsScallops) {
   EXPECT_NEAR(deviation.max_cusp_um, cusp * 1000, 0.005);
   const double from_ridge = std::remainder(std::asin(deviation.cusp_place_mm.x() / (hollow - cusp)) - 0.87 * angle, angle);
   EXPECT_NEAR(from_ridge * hollow, 0, 2e-4) << "told where it stands, not at its node";
+}
+
+// Along a fold oblique to the passes contacts move fast: the chords' heights show in the cusps, and a ridge is not half-way.
+TEST(Deviation, HasTheHighestCuspThatWasPlanned) {
+  const Box2 extent{{-3, -2}, {3, 2}};
+  for (const double phase : {1.5, 2.1, 2.7}) {
+    const SplineSurface design = spline_of(extent, 48, 32, [&](double x, double y) {
+      return 8 + 0.03 * x + 0.08 * std::hypot(y - 0.4 * x - 0.3, 0.4) + 0.07 * std::sin(0.5 * x + y + phase);
+    });
+    const Blank blank{extent.size(), design.highest() + 0.1};
+    const ToolPath path = plan_finishing(design, blank, read_cutter(LIGHTMILL_FIXTURES "/cutters/finish_4mm_ball.toml"), {});
+    StockModel model(blank, {0.02, 0});
+    model.lower_to([&](const Vec2& p) { return design.height(p.x(), p.y()) + 0.06; });
+    model.set_cutter(path.cutter);
+    SweptMove move;
+    move.spindle_on = true;
+    for (std::size_t k = 1; k < path.moves.size(); ++k) {
+      move.from = path.moves[k - 1].pose;
+      move.to = path.moves[k].pose;
+      if (path.moves[k].kind != MoveKind::kRapid) model.move(move);
+    }
+    model.flush();
+    const Deviation deviation = measure_deviation(model.surface(), design, {});
+    EXPECT_EQ(path.above_limit_mm2, 0);
+    EXPECT_NEAR(deviation.max_cusp_um, path.predicted_cusp_um, 0.005) << phase;
+  }
 }
 
 TEST(Deviation, StopsWhenAskedAndDoesNotDependOnThreads) {
