@@ -373,7 +373,7 @@ class Planner {
     }
     const Vec3& p = first_contact->place_mm;
     throw InputError(options_.pass + ": the " + (first_contact->holder ? "holder" : cutter_.taper_rad > 0 ? "flank or shank" : "shank") + " of '" + cutter_.name +
-                     "' would touch the part near x " + fixed(p.x(), 1) + ", y " + fixed(p.y(), 1) + ", z " +
+                     "' would touch the part or what stands of the blank near x " + fixed(p.x(), 1) + ", y " + fixed(p.y(), 1) + ", z " +
                      fixed(p.z(), 1) + " mm" +
                      (tries > 1 ? " (and so with " + std::to_string(tries - 1) + " other tilts)" : "") +
                      (first_contact->holder ? "; use a cutter that reaches farther out of its holder"
