@@ -138,7 +138,8 @@ void print_warnings(Stage stage, const RunFolder& folder, Progress& progress) {
   for (const char* pass : kPassNames) {
     const json rate = postproc.value(pass, json::object()).value("data_rate", json::object());
     if (const double share = rate.value("starved_share", 0.0); share > 0) {
-      progress.say("warning:  " + std::string(pass) + " starves in " + fixed(std::max(100 * share, 0.1), 1) + " % of its cutting time: " + rate.value("remedy", ""));
+      const std::string part = share < 0.001 ? "less than 0.1" : fixed(100 * share, 1);
+      progress.say("warning:  " + std::string(pass) + " may starve in " + part + " % of its cutting time (the dry run tells): " + rate.value("remedy", ""));
     }
   }
 }

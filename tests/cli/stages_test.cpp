@@ -193,8 +193,8 @@ TEST(Chain, TinyJobKeepsTheContractOfTheRunFolderAndResumes) {
   EXPECT_EQ(harms[0].at("error"), "none");
   for (std::size_t k = 2; k < harms.size(); ++k) EXPECT_GE(harms[k - 1].at("harm"), harms[k].at("harm"));
   EXPECT_THAT(slurp(run + "/study/study_errors.html"), HasSubstr("<rect"));
-  // The slow vibration is worst, far beyond what the stock's grid makes of it; that is never nothing.
-  EXPECT_GT(harms[1].at("harm"), 5 * harms[1].at("noise").get<double>());
+  // The slow vibration is worst, beyond what so coarse a stock's grid makes of it; that is never nothing.
+  EXPECT_GT(harms[1].at("harm"), 2 * harms[1].at("noise").get<double>());
   EXPECT_GT(harms[1].at("noise"), 0);
   EXPECT_EQ(report_of(run), report);
 
