@@ -1,5 +1,7 @@
 #include "design/core/toml_table.h"
 
+#include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <set>
 #include <sstream>
@@ -79,17 +81,31 @@ std::string span_rule(double least, double most) {
   return "must be a number from " + compact(least, 9) + " to " + compact(most, 9);
 }
 
-/// toml++ 3 runs into undefined behaviour at some letters where only ASCII may stand: outside of strings and comments.
-void refuse_letters_outside_strings(std::string_view text, std::string_view name) {
+/// Begins a key of a table's name, or ends the name.
+bool may_begin_name(char c) {
+  return std::isalnum(static_cast<unsigned char>(c)) != 0 || std::string_view("_-\"']").find(c) != std::string_view::npos;
+}
+
+/// toml++ 3 runs into undefined behaviour at some letters where only ASCII may stand, outside of strings and comments, and at tables
+/// whose name begins with what no key begins with.
+void refuse_what_toml_cannot_bear(std::string_view text, std::string_view name) {
   std::size_t line = 1, line_start = 0;
   std::string quote;  // of the string that is open
+  int arrays = 0;     // that are open
+  bool blank = true;  // so far in the line
+  const auto refuse = [&](std::size_t at, const char* why) {
+    throw InputError(std::string(name) + ":" + std::to_string(line) + ":" + std::to_string(at - line_start + 1) + ": not valid TOML: " + why);
+  };
   for (std::size_t i = text.starts_with("\xEF\xBB\xBF") ? 3 : 0; i < text.size(); ++i) {
     const char c = text[i];
     if (c == '\n') {
       ++line;
       line_start = i + 1;
+      blank = true;
       if (quote.size() == 1) quote.clear();  // which is an error of its own
-    } else if (!quote.empty()) {
+      continue;
+    }
+    if (!quote.empty()) {
       if (c == '\\' && quote[0] == '"' && i + 1 < text.size() && text[i + 1] != '\n') {
         ++i;
       } else if (text.substr(i).starts_with(quote)) {
@@ -103,16 +119,25 @@ void refuse_letters_outside_strings(std::string_view text, std::string_view name
     } else if (c == '#') {
       i = std::min(text.find('\n', i), text.size()) - 1;
     } else if (static_cast<unsigned char>(c) >= 0x80) {
-      throw InputError(std::string(name) + ":" + std::to_string(line) + ":" + std::to_string(i - line_start + 1) +
-                       ": not valid TOML: letters other than ASCII stand in strings and comments only");
+      refuse(i, "letters other than ASCII stand in strings and comments only");
+    } else if (c == '[') {
+      if (blank && arrays == 0) {
+        std::size_t first = text.find_first_not_of(" \t", i + 1);
+        if (first < text.size() && text[first] == '[') first = text.find_first_not_of(" \t", first + 1);
+        if (first < text.size() && !may_begin_name(text[first])) refuse(first, "this cannot begin a table's name");
+      }
+      ++arrays;
+    } else if (c == ']') {
+      arrays = std::max(0, arrays - 1);
     }
+    blank = blank && (c == ' ' || c == '\t');
   }
 }
 
 }  // namespace
 
 TomlTable TomlTable::from_text(std::string_view text, std::string_view name) {
-  refuse_letters_outside_strings(text, name);
+  refuse_what_toml_cannot_bear(text, name);
   auto node = std::make_shared<Node>();
   node->file = name;
   try {
