@@ -1,11 +1,19 @@
 #include "design/core/toml_table.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <set>
 #include <sstream>
+#include <vector>
+
+// Where toml++ asserts what a text need not fulfil it goes on with undefined behaviour, or ends the program; here it throws.
+struct TomlGaveUp {};
+[[noreturn]] static void give_up() { throw TomlGaveUp(); }
+#pragma push_macro("NDEBUG")
+#undef NDEBUG
+#define TOML_ASSERT(expr) ((expr) ? void() : give_up())
 #include <toml++/toml.h>
+#pragma pop_macro("NDEBUG")
 
 #include "design/core/errors.h"
 #include "design/core/files.h"
@@ -81,31 +89,17 @@ std::string span_rule(double least, double most) {
   return "must be a number from " + compact(least, 9) + " to " + compact(most, 9);
 }
 
-/// Begins a key of a table's name, or ends the name.
-bool may_begin_name(char c) {
-  return std::isalnum(static_cast<unsigned char>(c)) != 0 || std::string_view("_-\"']").find(c) != std::string_view::npos;
-}
-
-/// toml++ 3 runs into undefined behaviour at some letters where only ASCII may stand, outside of strings and comments, and at tables
-/// whose name begins with what no key begins with.
-void refuse_what_toml_cannot_bear(std::string_view text, std::string_view name) {
+/// toml++ 3 runs into undefined behaviour at some letters where only ASCII may stand: outside of strings and comments.
+void refuse_letters_outside_strings(std::string_view text, std::string_view name) {
   std::size_t line = 1, line_start = 0;
   std::string quote;  // of the string that is open
-  int arrays = 0;     // that are open
-  bool blank = true;  // so far in the line
-  const auto refuse = [&](std::size_t at, const char* why) {
-    throw InputError(std::string(name) + ":" + std::to_string(line) + ":" + std::to_string(at - line_start + 1) + ": not valid TOML: " + why);
-  };
   for (std::size_t i = text.starts_with("\xEF\xBB\xBF") ? 3 : 0; i < text.size(); ++i) {
     const char c = text[i];
     if (c == '\n') {
       ++line;
       line_start = i + 1;
-      blank = true;
       if (quote.size() == 1) quote.clear();  // which is an error of its own
-      continue;
-    }
-    if (!quote.empty()) {
+    } else if (!quote.empty()) {
       if (c == '\\' && quote[0] == '"' && i + 1 < text.size() && text[i + 1] != '\n') {
         ++i;
       } else if (text.substr(i).starts_with(quote)) {
@@ -119,25 +113,35 @@ void refuse_what_toml_cannot_bear(std::string_view text, std::string_view name) 
     } else if (c == '#') {
       i = std::min(text.find('\n', i), text.size()) - 1;
     } else if (static_cast<unsigned char>(c) >= 0x80) {
-      refuse(i, "letters other than ASCII stand in strings and comments only");
-    } else if (c == '[') {
-      if (blank && arrays == 0) {
-        std::size_t first = text.find_first_not_of(" \t", i + 1);
-        if (first < text.size() && text[first] == '[') first = text.find_first_not_of(" \t", first + 1);
-        if (first < text.size() && !may_begin_name(text[first])) refuse(first, "this cannot begin a table's name");
-      }
-      ++arrays;
-    } else if (c == ']') {
-      arrays = std::max(0, arrays - 1);
+      throw InputError(std::string(name) + ":" + std::to_string(line) + ":" + std::to_string(i - line_start + 1) +
+                       ": not valid TOML: letters other than ASCII stand in strings and comments only");
     }
-    blank = blank && (c == ' ' || c == '\t');
   }
+}
+
+/// The first line that the parser gives up at, which it does not tell; it reads from the start on.
+std::size_t line_given_up(std::string_view text) {
+  std::vector<std::size_t> ends;  // of the lines
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text[i] == '\n' || i + 1 == text.size()) ends.push_back(i + 1);
+  }
+  const auto gives_up = [&](std::size_t, std::size_t end) {
+    try {
+      toml::parse(text.substr(0, end));
+    } catch (const TomlGaveUp&) {
+      return true;
+    } catch (const toml::parse_error&) {
+    }
+    return false;
+  };
+  const auto found = std::upper_bound(ends.begin(), ends.end(), std::size_t{0}, gives_up);
+  return static_cast<std::size_t>(found - ends.begin()) + 1;
 }
 
 }  // namespace
 
 TomlTable TomlTable::from_text(std::string_view text, std::string_view name) {
-  refuse_what_toml_cannot_bear(text, name);
+  refuse_letters_outside_strings(text, name);
   auto node = std::make_shared<Node>();
   node->file = name;
   try {
@@ -146,6 +150,8 @@ TomlTable TomlTable::from_text(std::string_view text, std::string_view name) {
     std::string what(e.description());
     throw InputError(std::string(name) + ":" + std::to_string(e.source().begin.line) + ":" +
                      std::to_string(e.source().begin.column) + ": not valid TOML: " + what.substr(0, what.find('\n')));
+  } catch (const TomlGaveUp&) {
+    throw InputError(std::string(name) + ":" + std::to_string(line_given_up(text)) + ": not valid TOML: something stands where it cannot");
   }
   node->table = node->root.get();
   return TomlTable(node);
