@@ -5,18 +5,11 @@
 
 #include "cli/stages.h"
 #include "design/core/text.h"
+#include "postproc/data_rate.h"
 
 namespace lightmill {
 
 using nlohmann::json;
-
-namespace {
-
-constexpr double kBitsPerByte = 10;
-/// A tenth of the line is left for acknowledgements that come late.
-constexpr double kUsableShare = 0.9;
-
-}  // namespace
 
 std::string checklist(const Job& job) {
   std::string text = "Before the start, confirm each:\n";
@@ -38,7 +31,7 @@ std::string slow_link(const json& report, int baud) {
     if (!figures.is_object() || !figures.contains("data_rate")) continue;
     const json& rate = figures.at("data_rate");
     const double bytes = rate.value("bytes_per_block", 0.0), peak = rate.value("peak_blocks_per_s", 0.0);
-    const double needed = bytes * peak * kBitsPerByte / kUsableShare;
+    const double needed = wanted_baud(peak, bytes);
     if (needed <= baud) continue;
     text += (text.empty() ? "" : "\n") + pass + " wants up to " + compact(std::ceil(peak), 0) + " blocks of " +
             compact(bytes, 0) + " bytes a second, " + compact(std::ceil(needed), 0) + " baud; this line has " +

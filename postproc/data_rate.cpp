@@ -14,12 +14,14 @@ namespace {
 /// Rounding of a running sum is no starvation.
 constexpr double kRounding = 1e-6;
 constexpr double kBitsPerByte = 10;
-constexpr double kUsable = 0.9;
+constexpr double kUsable = 0.9;  // the rest is left for acknowledgements that come late
 constexpr int kUsualBauds[] = {9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 1000000, 2000000, 3000000, 4000000};
 
 double link_blocks_per_s(int baud, double bytes_per_block) { return kUsable * baud / (kBitsPerByte * bytes_per_block); }
 
 }  // namespace
+
+double wanted_baud(double wanted_per_s, double bytes_per_block) { return bytes_per_block * wanted_per_s * kBitsPerByte / kUsable; }
 
 int least_baud(double wanted_per_s, double bytes_per_block) {
   const auto* const found = std::find_if(std::begin(kUsualBauds), std::end(kUsualBauds),

@@ -18,6 +18,8 @@ struct DataRate {
   std::string remedy;               ///< empty: nothing to do
 };
 
+/// Of a line that brings the wanted blocks a second, 10 bits a byte and a tenth of it spare.
+double wanted_baud(double wanted_per_s, double bytes_per_block);
 /// The slowest usual line that brings the wanted blocks a second, a tenth of it spare; 0: none does.
 int least_baud(double wanted_per_s, double bytes_per_block);
 

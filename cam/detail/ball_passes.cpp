@@ -180,6 +180,14 @@ class SpacingField {
   std::vector<double> limits_;  // of the cells between the nodes
 };
 
+/// Moves the paths of `part` over, and its figures.
+void take_over(SpacedPasses& all, SpacedPasses& part) {
+  for (CentrePath& piece : part.paths) all.paths.push_back(std::move(piece));
+  all.highest_cusp_mm = std::max(all.highest_cusp_mm, part.highest_cusp_mm);
+  all.above_limit_mm2 += part.above_limit_mm2;
+  all.infill_pieces += part.infill_pieces;
+}
+
 class Spacer {
  public:
   Spacer(const TurnedBall& ball, const SpacingOptions& options)
@@ -252,12 +260,8 @@ class Spacer {
     for (std::size_t k = 0; k < paths.size(); ++k) {
       all.paths.push_back(std::move(paths[k]));
       if (k + 1 == paths.size()) break;
-      SpacedPasses& part = between[k].pieces;
-      for (CentrePath& piece : part.paths) all.paths.push_back(std::move(piece));
       all.widest_mm = std::max(all.widest_mm, ys[k + 1] - ys[k]);
-      all.highest_cusp_mm = std::max(all.highest_cusp_mm, part.highest_cusp_mm);
-      all.above_limit_mm2 += part.above_limit_mm2;
-      all.infill_pieces += part.infill_pieces;
+      take_over(all, between[k].pieces);
     }
     return all;
   }
@@ -595,6 +599,28 @@ std::vector<Vec2> around_again(const std::vector<Vec2>& line, std::size_t turn, 
   return result;
 }
 
+/// Places a spiral's turns by depth: a survey, turns by what it allows, and a look at what they leave, after which the field gives way
+/// where that is too much. `look(depths, placed, monitor)` tells what is between every two depths, with `wish_mm` and `content`; a
+/// placed turn is beside `reach` depths from its own on.
+template <class Look>
+auto place_turns(SpacingField field, std::size_t reach, const Look& look, const Monitor& monitor, std::vector<double>& depths) {
+  depths = field.nodes();
+  auto between = look(depths, false, monitor.part(0, 0.4));
+  for (std::size_t k = 0; k < between.size(); ++k) field.limit(depths[k], depths[k + 1], between[k].wish_mm);
+  for (int round = 0;; ++round) {
+    depths = field.places();
+    between = {};
+    between = look(depths, true, monitor.part(0.4 + 0.15 * round, 0.4 + 0.15 * (round + 1)));
+    bool content = true;
+    for (std::size_t k = 0; k < between.size(); ++k) {
+      if (between[k].content) continue;
+      content = false;
+      field.limit(depths[k], depths[std::min(k + reach, depths.size() - 1)], between[k].wish_mm);
+    }
+    if (content || round + 1 == kMostRounds) return between;
+  }
+}
+
 /// A spiral as rings of four sides, each side in axes of its own in which it runs along +X and the middle lies at smaller y.
 class SpiralSpacer {
  public:
@@ -608,32 +634,16 @@ class SpiralSpacer {
   }
 
   [[nodiscard]] SpacedPasses plan(const Monitor& monitor) const {
-    SpacingField field(0, depth_, kSurveyOfFlat * spacers_[0].flat_mm(), kMostOfFlat * spacers_[0].flat_mm());
-    std::vector<double> depths = field.nodes();
-    std::vector<Between> between = look(depths, false, monitor.part(0, 0.4));
-    for (std::size_t k = 0; k < between.size(); ++k) field.limit(depths[k], depths[k + 1], between[k].wish_mm);
-    for (int round = 0;; ++round) {
-      depths = field.places();
-      between = {};
-      between = look(depths, true, monitor.part(0.4 + 0.15 * round, 0.4 + 0.15 * (round + 1)));
-      bool content = true;
-      for (std::size_t k = 0; k < between.size(); ++k) {
-        if (between[k].content) continue;
-        content = false;
-        field.limit(depths[k], depths[k + 1], between[k].wish_mm);
-      }
-      if (content || round + 1 == kMostRounds) break;
-    }
+    const double flat = spacers_[0].flat_mm();
+    std::vector<double> depths;
+    std::vector<Between> between =
+        place_turns(SpacingField(0, depth_, kSurveyOfFlat * flat, kMostOfFlat * flat), 1,
+                    [this](const std::vector<double>& at, bool placed, const Monitor& part) { return look(at, placed, part); }, monitor, depths);
     SpacedPasses all;
     all.paths = sides(depths);
     for (std::size_t k = 0; k < between.size(); ++k) {
       all.widest_mm = std::max(all.widest_mm, depths[k + 1] - depths[k]);
-      for (SpacedPasses& part : between[k].pieces) {
-        for (CentrePath& piece : part.paths) all.paths.push_back(std::move(piece));
-        all.highest_cusp_mm = std::max(all.highest_cusp_mm, part.highest_cusp_mm);
-        all.above_limit_mm2 += part.above_limit_mm2;
-        all.infill_pieces += part.infill_pieces;
-      }
+      for (SpacedPasses& part : between[k].pieces) take_over(all, part);
     }
     return all;
   }
@@ -753,32 +763,16 @@ class OutlineSpiralSpacer {
 
   [[nodiscard]] SpacedPasses plan(const Monitor& monitor) const {
     const double flat = spacers_.front().flat_mm();
-    SpacingField field(0, depth_, kSurveyOfFlat * flat, kMostOfFlat * flat);
-    std::vector<double> depths = field.nodes();
-    std::vector<Turns> between = look(depths, false, monitor.part(0, 0.3));
-    for (std::size_t k = 0; k < between.size(); ++k) field.limit(depths[k], depths[k + 1], between[k].wish_mm);
-    for (int round = 0;; ++round) {
-      depths = field.places();
-      between = {};
-      between = look(depths, true, monitor.part(0.3 + 0.15 * round, 0.3 + 0.15 * (round + 1)));
-      bool content = true;
-      for (std::size_t k = 0; k < between.size(); ++k) {
-        if (between[k].content) continue;
-        content = false;
-        // A turn goes over from one depth to the next, and is beside both.
-        field.limit(depths[k], depths[std::min(k + 2, depths.size() - 1)], between[k].wish_mm);
-      }
-      if (content || round + 1 == kMostRounds) break;
-    }
+    std::vector<double> depths;
+    // A turn goes over from one depth to the next, and is beside both.
+    std::vector<Turns> between =
+        place_turns(SpacingField(0, depth_, kSurveyOfFlat * flat, kMostOfFlat * flat), 2,
+                    [this](const std::vector<double>& at, bool placed, const Monitor& part) { return look(at, placed, part); }, monitor, depths);
     SpacedPasses all;
     all.paths = way(depths);
     for (std::size_t k = 0; k < between.size(); ++k) {
       all.widest_mm = std::max(all.widest_mm, depths[k + 1] - depths[k]);
-      SpacedPasses& part = between[k].pieces;
-      for (CentrePath& piece : part.paths) all.paths.push_back(std::move(piece));
-      all.highest_cusp_mm = std::max(all.highest_cusp_mm, part.highest_cusp_mm);
-      all.above_limit_mm2 += part.above_limit_mm2;
-      all.infill_pieces += part.infill_pieces;
+      take_over(all, between[k].pieces);
     }
     return all;
   }
